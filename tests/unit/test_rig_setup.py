@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.experiments.loops import HARMONICS
 from fretflow.experiments.rig import run
 from fretflow.experiments.rig.experiment import BASELINE, measured
 from fretflow.experiments.rig.model import DENSER
-from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
+from fretflow.experiments.rig.observation import from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
     depth_error,

@@ -12,9 +12,8 @@ from fretflow.core.records import Array
 from fretflow.core.units import readable_unit
 from fretflow.experiments.driven.data import DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.law import equal_bins
-from fretflow.experiments.rig.location import parity_parts
-from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.experiments.laws import equal_bins
+from fretflow.experiments.loops import PHASES, Strokes, parity_parts
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Location, Place, ResidualLaw
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 

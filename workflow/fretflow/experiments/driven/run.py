@@ -26,7 +26,7 @@ from fretflow.experiments.driven.views import (
     two_stiffnesses,
 )
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
-from fretflow.experiments.rig.words import sentence
+from fretflow.experiments.words import sentence
 from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter

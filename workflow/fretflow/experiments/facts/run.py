@@ -17,7 +17,8 @@ from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation
 from fretflow.experiments.rig.run import RigTools
 from fretflow.experiments.rig.setup import CONFIRMING, ELEMENTS, bare_case
-from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
+from fretflow.experiments.rig.words import case_text
+from fretflow.experiments.words import at_bounds, grade, unfinished
 from fretflow.inference.decision import Decision, decide, detected, smallest_visible
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit

@@ -14,9 +14,9 @@ import numpy as np
 
 from fretflow.core.records import Array
 from fretflow.effects.initial_gap import InitialGap
+from fretflow.experiments.loops import Strokes
 from fretflow.experiments.rig.experiment import simulation_of
 from fretflow.experiments.rig.model import RigModel, harmonics_of
-from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.simulation import Period
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit

@@ -14,9 +14,9 @@ from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
+from fretflow.experiments.loops import Strokes
 from fretflow.experiments.rig.model import RigModel, at_condition
 from fretflow.experiments.rig.observation import CHANNELS, Observation, is_other_motion
-from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.setup import errors_of, is_seen
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fretflow.core.records import Array
+from fretflow.experiments.loops import HARMONICS
 from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of, further_forces
-from fretflow.experiments.rig.observation import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.records import Array
+from fretflow.experiments.laws import equal_bins
+from fretflow.experiments.loops import Strokes, smoothed
 from fretflow.experiments.rig.observation import Observation, Piece
-from fretflow.experiments.rig.phases import Strokes, smoothed
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw
 
@@ -85,10 +84,3 @@ def _law(channel: str, state: _State, left: Array, variance: Array) -> ResidualL
     explained = 0.0 if excess <= 0.0 else float(np.clip((whole - inside) / excess, 0.0, 1.0))
     return ResidualLaw(channel=channel, state=state.name, state_unit=state.unit, channel_unit=CHANNELS[channel], x=at,
                        y=mean, sd=sd, explained=explained)
-
-
-def equal_bins(values: Array) -> list[NDArray[np.int64]]:
-    """Return samples in bins of about equal count, equal values together: as many bins as each has samples."""
-    share = np.linspace(0.0, 1.0, isqrt(len(values)) + 1)[1:-1]
-    place = np.searchsorted(np.unique(np.quantile(values, share, method="nearest")), values)
-    return [np.flatnonzero(place == k) for k in np.unique(place)]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.core.records import Array, quantity, record
+from fretflow.experiments.loops import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd
@@ -44,7 +45,6 @@ CHANNELS = {"displacement": LoopChannel(by_loop=0.05, free=0.03, needed=True, wa
             "normal_force": LoopChannel(by_loop=0.003, free=0.01, absolute=True),
             # what it is counted from is unknown: faces meet on asperities
             "approach": LoopChannel(by_loop=0.005, free=3.0, growing=True, warming=True)}
-HARMONICS = 12  # of a loop that are compared
 WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
 DEFAULT_WEAR_SD = 0.02  # of the volume or of the largest depth, where nothing tells it
 TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends

@@ -43,6 +43,7 @@ from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
+from fretflow.experiments.words import at_bounds, sentence, unfinished
 from fretflow.inference.decision import (
     Decision,
     beyond_noise,
@@ -59,7 +60,7 @@ from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Pool, Search
 from fretflow.inference.strategy import run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, listed
+from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import is_unsteady
@@ -162,9 +163,9 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
     law = residual_law(observation, base.predicted) if (
         decision.verdict is Verdict.UNKNOWN and observation.has_loops) else None
     remainder = _remainder(experiment, search, decision, behind)
-    warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *words.unfinished({
+    warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *unfinished({
         names for names in (frozenset[str](), decision.after) if not search.fits[names].converged})]
-    warnings += words.at_bounds(after.parameters, after.z)
+    warnings += at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
     if unseen.labels and not unseen.judged:
@@ -178,10 +179,10 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
     return Diagnosis(
         title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
         effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=words.sentence(decision, remainder, location, law) + words.in_doubt(doubted), detection=detection,
+        sentence=sentence(decision, remainder, location, law) + words.in_doubt(doubted), detection=detection,
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=words.next_measurement(law) if law is not None else words.separating(decision.rivals),
+        separating_measurement=words.next_measurement(law) if law is not None else separating(decision.rivals),
         residual_law=law, smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, base.predicted, after.predicted),

@@ -15,12 +15,12 @@ from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
-from fretflow.experiments.rig.words import sentence
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
+from fretflow.experiments.words import sentence
 from fretflow.inference.decision import Decision, decide, detected, shared_anew
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
