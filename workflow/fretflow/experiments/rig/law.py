@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fretflow.core.records import Array
-from fretflow.experiments.laws import equal_bins
+from fretflow.experiments.laws import binned_law
 from fretflow.experiments.loops import Strokes, smoothed
 from fretflow.experiments.rig.observation import Observation, Piece
 from fretflow.experiments.rig.views import level, loop_pieces
@@ -40,7 +40,9 @@ def residual_law(observation: Observation, predicted: Array) -> ResidualLaw:
             for name in CHANNELS}
     channel = max(size, key=lambda name: size[name])
     own, variance = (np.concatenate([vector[one[channel].place] for one in loops]) for vector in (left, noise))
-    laws = [_law(channel, state, own, variance) for state in _states(observation, loops)]
+    laws = [binned_law({"channel": channel, "state": state.name, "state_unit": state.unit,
+                        "channel_unit": CHANNELS[channel]}, state.values, own * state.way, variance, len(own))
+            for state in _states(observation, loops)]
     return max(laws, key=lambda law: law.explained)
 
 
@@ -72,15 +74,3 @@ def _of_loop(x: Array, force: Array, strokes: Strokes, cycles: int) -> dict[tupl
             ("share of the stroke, signed by its direction", "1"): (strokes.share + 1e-6) * strokes.way,
             ("phase of the excitation", "1"): np.arange(n) / n, (CYCLES, "1"): np.full(n, float(cycles)),
             (ENERGY, "J"): np.full(n, abs(float(np.mean(force * v))) * 2.0 * np.pi)}
-
-
-def _law(channel: str, state: _State, left: Array, variance: Array) -> ResidualLaw:
-    left, groups = left * state.way, equal_bins(state.values)
-    at, mean = (np.array([values[own].mean() for own in groups]) for values in (state.values, left))
-    sd = np.array([left[own].std() / np.sqrt(len(own)) for own in groups])
-    inside = sum(float(np.sum((left[own] - left[own].mean())**2 / variance[own])) for own in groups)
-    whole = float(np.sum(left**2 / variance))
-    excess = whole - len(left)
-    explained = 0.0 if excess <= 0.0 else float(np.clip((whole - inside) / excess, 0.0, 1.0))
-    return ResidualLaw(channel=channel, state=state.name, state_unit=state.unit, channel_unit=CHANNELS[channel], x=at,
-                       y=mean, sd=sd, explained=explained)
