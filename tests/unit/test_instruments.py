@@ -19,8 +19,9 @@ from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
 from fretflow.experiments.rig.equations import DELAYS, Equations
 from fretflow.experiments.rig.instruments import faults
-from fretflow.experiments.rig.run import RigTools, diagnose_rig
+from fretflow.experiments.rig.run import diagnose_rig
 from fretflow.experiments.rig.setup import case_of
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.words import headline
 from fretflow.recordings.kinds import read_recording
 from fretflow.recordings.loopset import LoopSet
@@ -252,7 +253,7 @@ def test_instruments_at_fault_are_no_missing_physics(recordings: Path, tmp_path:
     """Neither the headline nor the page speaks of the catalogue."""
     recording = read_recording(recordings / "example_baseline")
     recording = altered(recording, "friction_force", lambda _, values: 3.0 * values)
-    diagnosis = diagnose_rig(recording, True, lambda share, text: None, RigTools(reduce=None, pool=None))
+    diagnosis = diagnose_rig(recording, True, lambda share, text: None, DiagnosisTools(reduce=None, pool=None))
     assert headline(diagnosis) == "Instruments at fault"
     page = diagnosis.to_html(tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Instruments at fault" in page

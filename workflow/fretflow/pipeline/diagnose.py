@@ -69,7 +69,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     >>> diagnosis.verdict, diagnosis.effects, diagnosis.probability  # doctest: +SKIP
     >>> diagnosis.to_html("report.html")  # doctest: +SKIP
     """
-    from fretflow.experiments.rig.run import RigTools
+    from fretflow.experiments.tools import DiagnosisTools
     from fretflow.pipeline.ensemble import LocalPool
     from fretflow.recordings.kinds import kinds, read_recording
 
@@ -86,7 +86,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
             raise UnsupportedRecordingError(f"{recorded.path}: test.kind {recorded.kind.id!r} has no diagnosis; there "
                                             f"is one of {', '.join(known)}")
         diagnosis: Diagnosis = resolve_name(recorded.kind.experiment)(
-            recorded, fast, tell, RigTools(partial(reduced_problem, models=models), pool))
+            recorded, fast, tell, DiagnosisTools(partial(reduced_problem, models=models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
     return replace(diagnosis, case_file=runnable(diagnosis, name), seconds=monotonic() - began, fast=fast,
                    stages=tell.ended(), memory=memory())

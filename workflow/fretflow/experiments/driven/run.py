@@ -26,6 +26,7 @@ from fretflow.experiments.driven.views import (
     two_stiffnesses,
 )
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.experiments.words import sentence
 from fretflow.inference.decision import decide
 from fretflow.inference.experiment import Point
@@ -42,7 +43,8 @@ DrivenSearch = IndependentSearch[DrivenExperiment]
 ROWS = 800  # samples that count in a search, so that all hypotheses are weighed in seconds
 
 
-def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools: object = None) -> Diagnosis:
+def diagnose_driven(recording: Recording, fast: bool, progress: Progress,
+                    tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what a recording of an imposed displacement or of a lumped system shows that its model leaves out.
 
     Raises

@@ -15,9 +15,9 @@ from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.independent import IndependentSearch, estimates
 from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation
-from fretflow.experiments.rig.run import RigTools
 from fretflow.experiments.rig.setup import CONFIRMING, ELEMENTS, bare_case
 from fretflow.experiments.rig.words import case_text
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.experiments.words import at_bounds, grade, unfinished
 from fretflow.inference.decision import Decision, decide, detected, smallest_visible
 from fretflow.inference.experiment import Point, Prediction
@@ -38,7 +38,7 @@ NEXT = ("Loops over cycles at both amplitudes and maps of the wear at several cy
         "nothing in the catalogue explains.")
 
 
-def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
+def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, tools: DiagnosisTools) -> Diagnosis:
     """Return what facts of a rig's tests show that its model leaves out.
 
     Raises

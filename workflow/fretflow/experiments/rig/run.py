@@ -6,13 +6,13 @@ the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 
-from fretflow.case.config import Case, Reduction
+from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
 from fretflow.core.progress import Progress
 from fretflow.core.records import Array
@@ -27,7 +27,6 @@ from fretflow.experiments.rig.observation import measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
     FRICTION,
-    Reduce,
     case_of,
     depth_error,
     errors_of,
@@ -43,6 +42,7 @@ from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.experiments.words import at_bounds, sentence, unfinished
 from fretflow.inference.decision import (
     Decision,
@@ -57,36 +57,13 @@ from fretflow.inference.decision import (
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
-from fretflow.inference.search import FAST, FULL, Pool, Search
+from fretflow.inference.search import FAST, FULL, Search
 from fretflow.inference.strategy import run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
 from fretflow.inference.words import after_model, blocks_of, listed, separating
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import is_unsteady
-from fretflow.solvers.periodic import PeriodicProblem
-
-
-@dataclass(frozen=True)
-class RigTools:
-    """What lies above the diagnosis: meshes and reduction of a case, and processes to call functions in."""
-
-    reduce: Reduce
-    pool: Pool
-
-    def statics(self, cases: Iterable[Case]) -> list[PeriodicProblem]:
-        """Return the problems of cases by their statics: contacts follow these, and specimens' own modes count little.
-
-        Where the pool has several processes they are reduced at once.
-        """
-        few = Reduction(fixed_interface_modes=1, checked_frequencies=1)
-        return self.pool(reduce_task, [(self.reduce, case.model_copy(update={"reduction": few})) for case in cases])
-
-
-def reduce_task(asked: tuple[Reduce, Case]) -> PeriodicProblem:
-    """Return the problem of a case, from meshes to reduction."""
-    reduce, case = asked
-    return reduce(case)
 
 
 @dataclass(frozen=True)
@@ -103,7 +80,7 @@ def predict_task(asked: _Prediction) -> Array:
     return model.predict(model.simulate(of) if isinstance(of, Hypothesis) else model.refine(of))
 
 
-def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
+def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: DiagnosisTools) -> Diagnosis:
     """Return what a recording of the rig shows that the baseline leaves out.
 
     Raises
@@ -153,7 +130,7 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, search: Search, decision: Decision, before: Fit,
-          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
+          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: DiagnosisTools,
           fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, search.baseline, search.fits[decision.after]
@@ -247,7 +224,7 @@ def _remainder(experiment: RigExperiment, search: Search, decision: Decision, af
                      where=where)
 
 
-def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools, progress: Progress
+def experiment_of(recording: Recording, elements: Sequence[int], tools: DiagnosisTools, progress: Progress
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
@@ -278,7 +255,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
     return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first)
 
 
-def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: RigTools) -> str:
+def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: DiagnosisTools) -> str:
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = experiment.rig, experiment.rig.observation
     full = rig.finer(tools.reduce(case)).denser()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +21,6 @@ from fretflow.recordings.loopset import plateau
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest
 from fretflow.solvers.periodic import PeriodicProblem
-
-Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
 # Elements per side of the contact square that fits are made with, of second degree: with the same 25 nodes as 4 by 4
 # linear elements the specimens' compliance is 2.9 % too small instead of 9.7 %. One more tells what these leave out.

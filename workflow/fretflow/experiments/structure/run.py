@@ -19,6 +19,7 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.corrections import correct
 from fretflow.inference.decision import Decision, decide, detected, estimate, held_to, smallest_visible
 from fretflow.inference.evidence import drawn, groups_of
@@ -39,7 +40,7 @@ BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1
 
 
 def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool, progress: Progress,
-                       tools: Any = None) -> Diagnosis:
+                       tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what a recording of a structure shows that its model leaves out.
 
     Raises

@@ -15,6 +15,7 @@ from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
@@ -58,7 +59,8 @@ class Form:
         return frozenset({self.law.effect})
 
 
-def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, tools: object = None) -> Diagnosis:
+def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress,
+                         tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what the worn volumes of a series show that one wear coefficient leaves out.
 
     Raises
