@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from fretflow.experiments.rig.model import RigModel
 from fretflow.experiments.rig.setup import first_friction
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.decision import estimate
-from fretflow.inference.evidence import drawn
-from fretflow.inference.parameters import HALF, Array, Coordinate, Parameters
+from fretflow.inference.diagnosis import estimated
+from fretflow.inference.parameters import Array, Coordinate, Parameters
 from fretflow.inference.verdict import Estimate, ResidualLaw
 from fretflow.recordings.recording import Recording
 
@@ -71,9 +72,7 @@ def next_measurement(law: ResidualLaw) -> str:
 
 def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
     """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance."""
-    return tuple(_estimate(case, rig, one, float(z), HALF * float(sd), draws) for one, z, sd, draws in zip(
-        space.coordinates, mean, np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True)
-        if not one.chance)
+    return estimated(space, mean, covariance, partial(_estimate, case, rig))
 
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:

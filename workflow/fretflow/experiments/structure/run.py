@@ -22,7 +22,8 @@ from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.corrections import correct
 from fretflow.inference.decision import Decision, decide, detected, estimate, held_to, smallest_visible
-from fretflow.inference.evidence import drawn, groups_of
+from fretflow.inference.diagnosis import estimated
+from fretflow.inference.evidence import groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
@@ -252,10 +253,9 @@ def estimates(search: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     # a fit ends where a step is worth little
     mean, covariance = search.evidence(names).coordinates(search.prior(names))
-    made = (estimate(one, float(z), HALF * float(sd), draws, described(one.effect, one.field)
-                     if one.effect else BASELINE[one.field])
-            for one, z, sd, draws in zip(search.fits[names].parameters.coordinates, mean, np.sqrt(np.diag(covariance)),
-                                         drawn(mean, covariance), strict=True))
+    made = estimated(
+        search.fits[names].parameters, mean, covariance, lambda one, z, half, draws: estimate(
+            one, z, half, draws, described(one.effect, one.field) if one.effect else BASELINE[one.field]))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
 
