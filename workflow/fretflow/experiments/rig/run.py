@@ -54,13 +54,14 @@ from fretflow.inference.decision import (
     shared_anew,
     smallest_visible,
 )
+from fretflow.inference.diagnosis import diagnosed, share_left
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, Search
 from fretflow.inference.strategy import run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, listed, separating
+from fretflow.inference.words import blocks_of, listed, separating
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import is_unsteady
@@ -153,10 +154,8 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     mean, covariance = search.evidence(decision.after).coordinates(search.prior(decision.after))
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=sentence(decision, remainder, location, law) + words.in_doubt(doubted), detection=detection,
+    return diagnosed(
+        recording, decision, detection, sentence=sentence(decision, remainder, location, law) + words.in_doubt(doubted),
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else separating(decision.rivals),
@@ -167,8 +166,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, hypothesis(Point(after.parameters, mean)),
                             float(np.mean(experiment.rig.problem.friction_coefficient)),
-                            experiment.rig.wear_coefficient) if named else "",
-        after_model=after_model(decision.verdict, decision.after))
+                            experiment.rig.wear_coefficient) if named else "")
 
 
 def plausible(decision: Decision, search: Search, experiment: RigExperiment) -> Decision:
@@ -219,9 +217,8 @@ def _remainder(experiment: RigExperiment, search: Search, decision: Decision, af
     place = locate(experiment, after, cut=False)
     where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)
                       if part)
-    share = 1.0 - search.explained(decision.after) if decision.after else 1.0
-    return Remainder(share=share, times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)),
-                     where=where)
+    return Remainder(share=share_left(search, decision), where=where,
+                     times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)))
 
 
 def experiment_of(recording: Recording, elements: Sequence[int], tools: DiagnosisTools, progress: Progress
