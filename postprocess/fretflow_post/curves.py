@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from fretflow.contact.interface import area_mean
 from fretflow.core.store import write_csv
 from fretflow.core.units import pretty_number
 from fretflow.pipeline.run_records import ForcedResponse, stated_error
@@ -41,7 +42,7 @@ def loop_of(period: PeriodicSolution, areas: NDArray[np.float64], cycles: int) -
     Displacement of the faces is the area mean over the contact nodes; `areas` in m^2, (nodes,).
     """
     return LoopCurve(cycles, (period.upper_observation - period.lower_observation)[:, 0],
-                period.displacement[:, :, 0] @ areas / areas.sum(), period.friction_force)
+                area_mean(period.displacement[:, :, 0], areas), period.friction_force)
 
 
 def plot_loops(path: Path, loops: Sequence[LoopCurve]) -> list[Path]:

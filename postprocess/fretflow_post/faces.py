@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from fretflow.contact.interface import area_mean
 from fretflow.wear.archard import split_between_faces
 from fretflow.wear.history import WearHistory
 from matplotlib.axes import Axes
@@ -146,7 +147,7 @@ def _worn_title(axes: Axes, face: WornFace, fontsize: float) -> None:
 def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.float64], history: WearHistory,
                     rows: Sequence[int]) -> Path:
     """Draw where the faces wear first: depth over its area mean at `rows`, on one scale and each on its own."""
-    means = [float(history.depth[row] @ areas / areas.sum()) for row in rows]
+    means = [float(area_mean(history.depth[row], areas)) for row in rows]
     shapes = [history.depth[row] / mean for row, mean in zip(rows, means, strict=True)]
     limit = max(0.05, *(float(np.abs(shape - 1.0).max()) for shape in shapes))
     limit = style.round_scale(min(limit, 1.0))[0]

@@ -202,6 +202,6 @@ def test_asperities_carry_the_load_at_rest_by_their_full_law():
     effect = ContactStiffness(exponent=0.5).changed(stiffness=60e6)
     pressed = press(effect.period(problem, None))
     force = pressed.force[2::3]
-    compression = effect.asperities(problem).compression(force / 0.25e-6)
+    compression = effect.asperities(problem.interface.areas).compression(force / 0.25e-6)
     assert force.sum() == pytest.approx(N, rel=1e-12)
     assert compression + heights == pytest.approx(np.full(4, compression[0]), rel=1e-5)

@@ -17,7 +17,7 @@ def backbone(frequency, damping):
     amplitude, size = np.geomspace(1e-6, 1e-1, 200), 200
     return ModalBackbone(amplitude=amplitude, frequency=frequency(amplitude), damping=damping(amplitude),
                          friction_damping=damping(amplitude), outputs=amplitude[:, None], output_names=("tip",),
-                         linear_frequency=50.0, dissipated=np.zeros(size), sliding=np.zeros(size, dtype=int),
+                         dissipated=np.zeros(size), sliding=np.zeros(size, dtype=int),
                          open=np.zeros(size, dtype=int))
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fretflow.effects.catalogue import catalogue
+from fretflow.experiments.loops import PHASES, Strokes
 from fretflow.experiments.rig.blocks import cuts
 from fretflow.experiments.rig.experiment import RigExperiment
 from fretflow.experiments.rig.location import locate
-from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fitter

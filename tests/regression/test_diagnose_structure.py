@@ -308,7 +308,7 @@ def test_the_recorded_mode_is_that_of_the_frequency_or_the_stated_one(sprung):
     experiment = StructureExperiment.of(sprung)
     assert experiment.mode == 0
     assert experiment.measurement.channels == ("frequency", "damping")
-    assert experiment.measurement.held_out.sum() == 2 * max(1, round(len(experiment.points.amplitude) / 3.0))
+    assert experiment.held_out.sum() == 2 * max(1, round(len(experiment.points.amplitude) / 3.0))
     assert {"contact-stiffness", "bending-gap", "joint-damping"} <= set(experiment.candidates())
 
 

@@ -116,8 +116,7 @@ def mapped() -> Measurement:
     size = len(place)
     more = {"values": np.ones(size), "variance": np.full(size, SD**2), "repeatable": np.ones(size),
             "channel": np.ones(size, dtype=int), "phase": np.full(size, np.nan), "group": np.full(size, LOOPS - 1),
-            "cycles": np.full(size, np.nan), "condition": np.zeros(size, dtype=int),
-            "held_out": np.zeros(size, dtype=bool)}
+            "cycles": np.full(size, np.nan), "condition": np.zeros(size, dtype=int)}
     return replace(own, channels=("force", "depth"), modes=np.zeros((len(own.values) + size, 0)),
                    code_error=block_diag(own.code_error, 0.05 * np.ones((size, 1))),
                    place=np.vstack([np.full((len(own.values), 2), np.nan), place]),
@@ -182,7 +181,7 @@ def test_a_channel_of_noise_alone_sets_no_size() -> None:
         modes=np.zeros((2 * len(own.values), 0)), repeatable=np.ones(2 * len(own.values)),
         code_error=np.vstack([own.code_error, 0.3 * SD * np.sqrt(2.0) * np.sin(2.0 * np.pi * own.phase)[:, None]]),
         channel=np.repeat([0, 1], len(own.values)), channels=("force", "approach"),
-        **{name: np.tile(getattr(own, name), 2) for name in ("phase", "group", "cycles", "condition", "held_out")})
+        **{name: np.tile(getattr(own, name), 2) for name in ("phase", "group", "cycles", "condition")})
     assert code_size(both) == pytest.approx(code_size(own), rel=0.4)
 
 

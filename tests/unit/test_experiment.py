@@ -59,11 +59,7 @@ class Line:
 
 def line() -> Line:
     """Return the experiment; what it measured plays no part."""
-    zero, rows = np.zeros(3), np.zeros(3, dtype=int)
-    return Line(Measurement(
-        values=zero, variance=zero + 1.0, modes=np.zeros((3, 0)), code_error=np.zeros((3, 0)),
-        repeatable=zero + 1.0, channel=rows, channels=("a",),
-        phase=zero, group=rows, groups=("b",), cycles=zero, condition=rows, held_out=np.zeros(3, dtype=bool)))
+    return Line(Measurement.of(np.zeros(3), np.ones(3), channels=("a",), groups=("b",)))
 
 
 def test_a_range_is_the_90_percent_interval_of_its_parameter() -> None:

@@ -80,13 +80,11 @@ class Linear:
 
 def linear(weight: float = 1.0, cost: float = 0.0, modes: int = 0) -> Linear:
     """Return a noisy line with a slope of 1.5 and errors that rows share."""
-    rng, zero, rows = np.random.default_rng(3), np.zeros(COUNT), np.zeros(COUNT, dtype=int)
+    rng = np.random.default_rng(3)
     values = SLOPES @ np.array([0.4, 1.5]) + 0.1 * rng.standard_normal(COUNT)
-    return Linear(Measurement(
-        values=values, variance=np.full(COUNT, 0.01 / weight), modes=0.05 * rng.standard_normal((COUNT, modes)),
-        code_error=np.zeros((COUNT, 0)), repeatable=np.full(COUNT, weight), channel=rows, channels=("a",),
-        phase=zero + np.nan, group=rows, groups=("b",), cycles=zero + np.nan, condition=rows,
-        held_out=np.zeros(COUNT, dtype=bool)), cost)
+    return Linear(Measurement.of(
+        values, np.full(COUNT, 0.01 / weight), modes=0.05 * rng.standard_normal((COUNT, modes)),
+        repeatable=np.full(COUNT, weight), channels=("a",), groups=("b",)), cost)
 
 
 def search_of(experiment: Linear, effects: Sequence[str]) -> IndependentSearch:

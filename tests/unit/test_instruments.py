@@ -18,9 +18,10 @@ import pytest
 from fretflow.case.config import Rig
 from fretflow.core.units import parse_quantity
 from fretflow.experiments.rig.equations import DELAYS, Equations
-from fretflow.experiments.rig.instruments import _rig, faults
-from fretflow.experiments.rig.run import RigTools, diagnose_rig
+from fretflow.experiments.rig.instruments import faults
+from fretflow.experiments.rig.run import diagnose_rig
 from fretflow.experiments.rig.setup import case_of
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.words import headline
 from fretflow.recordings.kinds import read_recording
 from fretflow.recordings.loopset import LoopSet
@@ -255,7 +256,7 @@ def test_instruments_at_fault_are_no_missing_physics(recordings: Path, tmp_path:
     """Neither the headline nor the page speaks of the catalogue."""
     recording = read_recording(recordings / "example_baseline")
     recording = altered(recording, "friction_force", lambda _, values: 3.0 * values)
-    diagnosis = diagnose_rig(recording, True, lambda share, text: None, RigTools(reduce=None, pool=None))
+    diagnosis = diagnose_rig(recording, True, lambda share, text: None, DiagnosisTools(reduce=None, pool=None))
     assert headline(diagnosis) == "Instruments at fault"
     page = diagnosis.to_html(tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Instruments at fault" in page
@@ -288,7 +289,7 @@ def test_delays_are_solved_to_the_end_from_any_guess(name: str, known: bool, gue
                                                      recordings: Path) -> None:
     """Where the second step was longer than the first, what had been reached by then was told: none of a rig's play."""
     recording = read_recording(recordings / name)
-    equations = Equations.of(recording, _rig(case_of(recording)))
+    equations = Equations.of(recording, LumpedRig.of(case_of(recording).rig))
     assert equations is not None
     synchronised = equations.synchronised(np.array(guess))
     assert synchronised is not None or not known

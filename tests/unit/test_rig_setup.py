@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from fretflow.case.config import Rig, Specimens
 from fretflow.core.errors import UnreliableRecordingError
+from fretflow.experiments.loops import HARMONICS
 from fretflow.experiments.rig import run
 from fretflow.experiments.rig.experiment import BASELINE, measured
 from fretflow.experiments.rig.model import DENSER
-from fretflow.experiments.rig.observation import HARMONICS, from_zero, observe
+from fretflow.experiments.rig.observation import from_zero, observe
 from fretflow.experiments.rig.setup import (
     case_of,
     depth_error,
@@ -241,7 +242,7 @@ def test_levels_are_those_of_the_approach_and_of_the_normal_force() -> None:
     channels = {**plain.loops.channels, "excitation": 2.0 * force, "normal_force": LOAD + 1e-2 * force,
                 "approach": 1e-8 * force}
     seen = observe(replace(plain, loops=replace(plain.loops, channels=channels)))
-    measurement = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], frozenset(), None)
+    measurement = measured(seen, np.zeros(len(seen.values)), COUNTS[-1], None)
     assert measurement.levels == {"approach", "normal_force"}
     assert measurement.inputs == {"excitation"}
 

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fretflow.experiments.loops import PHASES, Strokes
 from fretflow.experiments.rig.held_out import detect
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.observation import Observation, Piece, condition_labels, count_label
-from fretflow.experiments.rig.phases import PHASES, Strokes
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.inference.experiment import Covariance
 from fretflow.recordings.schema import RecordedTest, SweepCondition

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from fretflow.core.errors import UnreliableRecordingError
 from fretflow.experiments.rig.observation import check_blocks
-from fretflow.experiments.rig.words import at_bounds, next_measurement, sentence, separating, unfinished
+from fretflow.experiments.rig.words import next_measurement
+from fretflow.experiments.words import at_bounds, sentence, unfinished
 from fretflow.inference.decision import Decision, held_to
 from fretflow.inference.parameters import Parameters
 from fretflow.inference.posterior import Posterior
 from fretflow.inference.verdict import Candidate, HeldOut, Location, Remainder, ResidualLaw, Verdict
-from fretflow.inference.words import after_model
+from fretflow.inference.words import after_model, separating
 
 PLACE = Location(block="contact law", channel="friction force", phase="knee", cycles=(0, 1000), zone="")
 LAW = ResidualLaw(channel="friction_force", state="displacement", state_unit="m", channel_unit="N", x=np.zeros(1),

@@ -38,7 +38,7 @@ class Jumping(Waves):
         if not self.known or not self.kept.all():
             return None
         rows = ("values", "variance", "modes", "code_error", "repeatable", "channel", "phase", "group", "cycles",
-                "condition", "held_out")
+                "condition")
         return replace(self, kept=~LAST, measurement=replace(
             own, **{name: getattr(own, name)[~LAST] for name in rows}))
 

@@ -29,11 +29,9 @@ class Ridge(Experiment):
     @cached_property
     def measurement(self) -> Measurement:
         """Return what the coordinates of `APART` beside zero would show, exactly."""
-        some, none = np.full(ROWS, np.nan), np.zeros(ROWS, dtype=np.int64)
-        return Measurement(
-            values=self._values(np.array([0.5, -0.5]) * APART), variance=np.ones(ROWS), modes=np.zeros((ROWS, 0)),
-            code_error=np.full((ROWS, 1), 1e-6), repeatable=np.ones(ROWS), channel=none, channels=("values",),
-            phase=0.5 * PLACE, group=none, groups=("all",), cycles=some, condition=none, held_out=none == 1)
+        return Measurement.of(
+            self._values(np.array([0.5, -0.5]) * APART), np.ones(ROWS), code_error=np.full((ROWS, 1), 1e-6),
+            channels=("values",), phase=0.5 * PLACE, groups=("all",))
 
     def parameters(self, effects: Any, signs: Any = None) -> Parameters:
         """Return both coordinates, in units of what is known of them beforehand."""

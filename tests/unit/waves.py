@@ -21,12 +21,9 @@ def measurement(values: Array | None = None, sd: float = SD) -> Measurement:
     size = LOOPS * SAMPLES
     phase, loop = np.tile(np.arange(SAMPLES) / SAMPLES, LOOPS), np.repeat(np.arange(LOOPS), SAMPLES)
     own = np.sqrt(2.0) * np.cos(2.0 * np.pi * phase) if values is None else values
-    return Measurement(
-        values=own, variance=np.full(size, sd**2), modes=np.zeros((size, 0)),
-        code_error=0.01 * np.sin(16.0 * np.pi * phase + 0.3)[:, None], repeatable=np.ones(size),
-        channel=np.zeros(size, dtype=int), channels=("force",), phase=phase, group=loop,
-        groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0), condition=np.zeros(size, dtype=int),
-        held_out=np.zeros(size, dtype=bool))
+    return Measurement.of(
+        own, np.full(size, sd**2), code_error=0.01 * np.sin(16.0 * np.pi * phase + 0.3)[:, None], channels=("force",),
+        phase=phase, group=loop, groups=tuple(map(str, range(LOOPS))), cycles=loop / (LOOPS - 1.0))
 
 
 SHAPES = {"viscous": lambda phase, share: np.sin(2.0 * np.pi * phase),

@@ -1,4 +1,4 @@
-"""The contact interface: matching node pairs of two faces, their areas and the gap between them."""
+"""The contact interface: matching node pairs of two faces, their areas and the gap between them; sums over it."""
 
 from __future__ import annotations
 
@@ -54,3 +54,18 @@ class Interface:
     def size(self) -> int:
         """Return the number of node pairs."""
         return len(self.areas)
+
+    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the area mean (...) of values (..., nodes)."""
+        return area_mean(values, self.areas)
+
+
+def area_mean(values: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean (...) of values (..., nodes) over areas (nodes,)."""
+    return np.asarray(values @ areas / areas.sum())
+
+
+def work_of_friction(displacement: NDArray[np.float64], force: NDArray[np.float64]) -> float:
+    """Return the work of friction in a period, J, of relative displacements and forces (N, nodes, 3) at its samples."""
+    steps = displacement[:, :, :2] - np.roll(displacement[:, :, :2], 1, axis=0)
+    return -float(np.einsum("jmc,jmc->", force[:, :, :2], steps))

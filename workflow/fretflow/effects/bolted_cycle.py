@@ -6,16 +6,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.contact.kernels.static import SEPARATION
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.solvers.nonlinear_modes.quasi_static import shaped_load
 from fretflow.wear.cycle import CycleResponse, WearAlone, summarise_cycle
 from fretflow.wear.slow import SlowState
-
-Array = NDArray[np.float64]
 
 STEPS = 24  # of load in half a cycle
 GROUND = 1e-7  # of the contact's own stiffness: holds parts that only bolts hold, and changes these forces by as much

@@ -135,13 +135,12 @@ class ContactStiffness(Effect):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the springs in."""
-        return with_asperities(problem, self.asperities(problem))
+        return with_asperities(problem, self.asperities(problem.interface.areas))
 
     def bolted(self, joint: BoltedJoint) -> BoltedJoint:
         """Put the springs in, each as stiff as under the static pressure of rigid faces."""
         areas = joint.structure.areas
-        own = Asperities(stiffness=self.ratio * self.stiffness / float(areas.sum()), exponent=self.exponent,
-                         ratio=self.ratio, reference_pressure=self.reference_pressure)
+        own = self.asperities(areas)
         pressure = np.maximum(joint.preloaded.force[0, 2::3], 0.0) / areas
         soft = own.compliance(pressure) / areas
         springs = np.stack([self.ratio * soft, self.ratio * soft, soft], axis=1).ravel()
@@ -162,11 +161,10 @@ class ContactStiffness(Effect):
             return replace(prior, low=MINDLIN[0], high=MINDLIN[1], logarithmic=False)
         return prior
 
-    def asperities(self, problem: PeriodicProblem) -> Asperities:
-        """Return the springs per area of the contact of `problem`."""
-        area = float(problem.interface.areas.sum())
-        return Asperities(stiffness=self.ratio * self.stiffness / area, exponent=self.exponent, ratio=self.ratio,
-                          reference_pressure=self.reference_pressure)
+    def asperities(self, areas: Array) -> Asperities:
+        """Return the springs per area of a contact of `areas` (nodes,)."""
+        return Asperities(stiffness=self.ratio * self.stiffness / float(areas.sum()), exponent=self.exponent,
+                          ratio=self.ratio, reference_pressure=self.reference_pressure)
 
     def sketch(self) -> Sketch:
         """Return the stiffness against pressure."""

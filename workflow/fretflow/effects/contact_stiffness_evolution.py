@@ -47,7 +47,7 @@ class ContactStiffnessEvolution(ContactStiffness):
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the springs at this energy in."""
-        asperities = self.asperities(problem)
+        asperities = self.asperities(problem.interface.areas)
         return with_asperities(problem, replace(asperities, stiffness=asperities.stiffness * float(
             self.growth(slow.energy))))
 

@@ -17,7 +17,7 @@ Derivatives by parameters need not be written: `model` differentiates the data o
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
-from numpy.typing import NDArray
 from pydantic import Field
 
 from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array as Array
 from fretflow.effects.sketches import Sketch as Sketch
 from fretflow.effects.sketches import loop_sketch
 from fretflow.recordings.kinds import RecordingKind as RecordingKind
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     from fretflow.structure.driven import Sliders
     from fretflow.wear.cycle import CycleResponse
     from fretflow.wear.slow import SlowState
-
-Array = NDArray[np.float64]
 
 
 class Block(StrEnum):
@@ -86,6 +84,7 @@ class Prior:
     rig_only: bool = False
     held: bool = False
     neutral: float | None = None  # the value with which, all neutral ones alike, nothing changes
+    periodic: bool = False  # whether values a range apart are the same, as angles a turn apart are
 
 
 # What would show an effect, in words that every kind of recording shares.
@@ -98,14 +97,15 @@ ESTIMATE = "engineering estimate for SS304, 60 N, 1 mm², 100 Hz"
 
 def parameter(default: float | None, meaning: str, low: float, high: float, *, source: str = "",
               neutral: float | None = None, logarithmic: bool | None = None, rig_only: bool = False,
-              held: bool = False, **limits: Any) -> Any:
+              held: bool = False, periodic: bool = False, **limits: Any) -> Any:
     """Declare a parameter: default and range in SI, its meaning, and pydantic's limits (``ge=0.0``).
 
     A `source` of the range that is not given is the catalogue's estimate, or for users' effects the file they are in.
     With the `neutral` values of all parameters that have one, the effect changes nothing.
     A range that lies on one side of zero and spans more than a decade counts as logarithmic, unless said otherwise.
     One that acts in the fretting rig only is not fitted where a measured motion drives the joint, nor is one that is
-    `held` there, as the force tells only its ratio to another one.
+    `held` there, as the force tells only its ratio to another one. Values of a `periodic` one that lie a range apart
+    are the same.
 
     Examples
     --------
@@ -118,7 +118,8 @@ def parameter(default: float | None, meaning: str, low: float, high: float, *, s
     if not low < high:
         raise InputError(f"parameter {meaning!r}: its range, {low} to {high}, must rise")
     decades = low > 0.0 and high / low >= 10.0
-    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral)
+    prior = Prior(low, high, decades if logarithmic is None else logarithmic, source, rig_only, held, neutral,
+                  periodic)
     return Field(default, description=meaning, json_schema_extra={"prior": prior}, **limits)  # type: ignore[dict-item]
 
 
@@ -341,6 +342,11 @@ class Effect(Section):
     def force(self, motion: Motion) -> Array | float:
         """Return the force that is added to the friction, () or (N,) in N, positive against positive motion."""
         return 0.0
+
+
+def in_acting_order(effects: Iterable[Effect]) -> list[Effect]:
+    """Return `effects` as they change a problem or a bolted joint one after the other, then by id."""
+    return sorted(effects, key=lambda effect: (effect.acts_at, effect.id))
 
 
 def in_sensors_alone(kind: type[Effect]) -> bool:

@@ -34,11 +34,11 @@ class ExcitationDistortion(Effect):
     observables = ("harmonics of the excitation channel", "harmonics of the displacement")
 
     second: float = parameter(0.05, "a_2: second harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
-    second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, logarithmic=False)
+    second_phase: float = parameter(0.0, "b_2: its phase in rad", -math.pi, math.pi, periodic=True)
     third: float = parameter(0.05, "a_3: third harmonic", 0.01, 0.25, ge=0.0, neutral=0.0)
-    third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, logarithmic=False)
+    third_phase: float = parameter(0.0, "b_3: its phase in rad", -math.pi, math.pi, periodic=True)
     fifth: float = parameter(0.0, "a_5: fifth harmonic", 0.003, 0.1, ge=0.0, neutral=0.0)
-    fifth_phase: float = parameter(0.0, "b_5: its phase in rad", -math.pi, math.pi, logarithmic=False)
+    fifth_phase: float = parameter(0.0, "b_5: its phase in rad", -math.pi, math.pi, periodic=True)
     fundamental: float = parameter(0.0, "a_1: what an amplifier that saturates adds to the fundamental", -0.1, 0.1,
                                    gt=-1.0, logarithmic=False, neutral=0.0)
 

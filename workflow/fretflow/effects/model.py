@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fretflow.core.records import record
 from fretflow.effects.catalogue import check_together
-from fretflow.effects.effect import Array, Effect
+from fretflow.effects.effect import Array, Effect, in_acting_order
 from fretflow.solvers.periodic import PeriodicProblem
 from fretflow.structure.sensors import Signals, in_sensing_order
 from fretflow.wear.cycle import CycleResponse
@@ -46,7 +46,7 @@ class EffectModel:
         problem = self.baseline
         if np.any(slow.depth):
             problem = replace(problem, interface=replace(face, gap=face.gap + slow.depth))
-        for effect in sorted(self.effects, key=lambda effect: (effect.acts_at, effect.id)):
+        for effect in in_acting_order(self.effects):
             problem = effect.period(problem, slow)
         return problem
 

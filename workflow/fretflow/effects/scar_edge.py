@@ -22,7 +22,7 @@ AREA_SHARE = "scar-edge.area_share"
 
 @dataclass(frozen=True)
 class EdgeForce:
-    """Force on the arm that pushes it back from both ends of the scar (a `rig.forces.RigForce`).
+    """Force on the arm that pushes it back from both ends of the scar (a `structure.internal_forces.InternalForce`).
 
     Over the last `width` before `half_stroke` (m) the floor of the scar rises, with a slope that starts as e^power with
     the distance e into the rise, goes on to the scar's `end` (m) and keeps its last value beyond. Climbing it under the

@@ -18,7 +18,8 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from fretflow.inference.decision import estimate
-from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, drawn, size_prior, sizes
+from fretflow.inference.diagnosis import estimated
+from fretflow.inference.evidence import FORMS, SIZES, Discrepancy, Evidence, code_size, size_prior, sizes
 from fretflow.inference.experiment import Experiment, Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, Array, Coordinate
@@ -122,9 +123,8 @@ class IndependentSearch(Search, Generic[E]):
 def estimates(search: IndependentSearch[E], names: Names) -> tuple[Estimate, ...]:
     """Return the parameters of a fitted set with their 90 % intervals, discrepancies of any size in them."""
     mean, covariance = search.evidence(names).coordinates(search.any_size(names))
-    return tuple(estimate(one, float(middle), HALF * float(sd), draws, search.experiment.described(one))
-                 for one, middle, sd, draws in zip(search.fits[names].parameters.coordinates, mean,
-                                                   np.sqrt(np.diag(covariance)), drawn(mean, covariance), strict=True))
+    return estimated(search.fits[names].parameters, mean, covariance, lambda one, z, half, draws: estimate(
+        one, z, half, draws, search.experiment.described(one)))
 
 
 def smallest_visible(search: IndependentSearch[E]) -> dict[str, float]:

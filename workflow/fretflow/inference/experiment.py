@@ -49,13 +49,26 @@ class Measurement:
     groups: tuple[str, ...]
     cycles: Array = quantity("1", "(M,), share of the test that had passed; nan where that says nothing")
     condition: NDArray[np.int64] = quantity("1", "(M,), 0 as in the test, others at other conditions")
-    held_out: NDArray[np.bool_] = quantity("1", "(M,), rows that judge a prediction; fits for it leave them out")
     inputs: frozenset[str] = frozenset()  # channels of what drives the joint, which no code and no law gets wrong
     levels: frozenset[str] = frozenset()  # channels whose means over a loop are measured, beside a zero of all loops
     embedded: Array | None = quantity("SI", "(M, K), what relative errors of one in the model's own forces, masses, "
                                       "springs and dampers would change", default=None)
     place: Array | None = quantity("1", "(M, 2), shares of the extent of a map; nan where a row is of no place",
                                    default=None)
+
+    @classmethod
+    def of(cls, values: Array, variance: Array, *, channels: tuple[str, ...], groups: tuple[str, ...], **told: Any
+           ) -> Measurement:
+        """Return a measurement of fields as told; the others are those of rows of one kind.
+
+        All rows are then of the first channel, of the first group and as in the test, at no phase and no cycle count,
+        with errors that repeats show in full and that no rows share.
+        """
+        size = len(values)
+        first, nowhere, unshared = np.zeros(size, dtype=np.int64), np.full(size, np.nan), np.zeros((size, 0))
+        of_one_kind = {"modes": unshared, "code_error": unshared, "repeatable": np.ones(size), "channel": first,
+                       "phase": nowhere, "group": first, "cycles": nowhere, "condition": first}
+        return cls(values=values, variance=variance, channels=channels, groups=groups, **{**of_one_kind, **told})
 
     @property
     def expected(self) -> float:

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from fretflow.core.records import Array as Array
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import Effect, Prior, parameter_limits
 from fretflow.recordings.periods import LEVEL
-
-Array = NDArray[np.float64]
 
 HALF = float(norm.ppf(0.95))  # standard deviations of half a 90 % interval
 FARTHEST = 6.0  # standard deviations that a coordinate may go: beyond, the prior holds two of 1e9

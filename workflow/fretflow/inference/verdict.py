@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.provenance import commit, own_version
-from fretflow.core.records import quantity, record, to_dataset
+from fretflow.core.records import Array, quantity, record, to_dataset
 from fretflow.core.store import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.05  # that all tests of a kind together may raise
 

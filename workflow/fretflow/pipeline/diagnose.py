@@ -8,7 +8,6 @@ import resource
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import validate_case
 from fretflow.core.errors import ConfigError, InputError, StoreError, UnsupportedRecordingError
+from fretflow.core.progress import Progress
 from fretflow.recordings.kinds import Recorded
 from fretflow.recordings.schema import FILE, name_of
 
@@ -32,7 +32,7 @@ MODELS = "models"  # folder of the reduced specimens, in the user's cache
 
 
 def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
-             progress: Callable[[float, str], None] | None = None, home: Path | None = None) -> Diagnosis:
+             progress: Progress | None = None, home: Path | None = None) -> Diagnosis:
     """Say whether the model explains a recording and, if not, where they part and which physics is left out.
 
     Specimens are meshed and reduced for the recordings of a rig; what was reduced once is kept in the user's cache.
@@ -68,7 +68,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     >>> diagnosis.verdict, diagnosis.effects, diagnosis.probability  # doctest: +SKIP
     >>> diagnosis.to_html("report.html")  # doctest: +SKIP
     """
-    from fretflow.experiments.rig.run import RigTools
+    from fretflow.experiments.tools import DiagnosisTools
     from fretflow.pipeline.ensemble import LocalPool
     from fretflow.recordings.kinds import kinds, read_recording
 
@@ -85,7 +85,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
             raise UnsupportedRecordingError(f"{recorded.path}: test.kind {recorded.kind.id!r} has no diagnosis; there "
                                             f"is one of {', '.join(known)}")
         diagnosis: Diagnosis = resolve_name(recorded.kind.experiment)(
-            recorded, fast, tell, RigTools(partial(reduced_problem, models=models), pool))
+            recorded, fast, tell, DiagnosisTools(partial(reduced_problem, models=models), pool))
     name = name_of(given) if isinstance(given, Path) else getattr(given, "title", "")
     return replace(diagnosis, case_file=runnable(diagnosis, name), seconds=monotonic() - began, fast=fast,
                    stages=tell.ended(), memory=memory())
@@ -95,7 +95,7 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
 class Stages:
     """The wall time of what is told as it begins: its name, and after a colon what else there is to say."""
 
-    tell: Callable[[float, str], None]
+    tell: Progress
     spent: dict[str, float] = field(default_factory=dict)  # s
     now: tuple[str, float] = ("", 0.0)  # what is being done, and since when
     share: float = 0.0  # that is done, and stays so where fits that moved are gone through once more

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.case import config
 from fretflow.case.config import Case, PeriodicMethod, PreloadContact
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
@@ -27,7 +26,7 @@ def make_problem(case: Case, reduced: Path) -> PeriodicProblem:
     """Return the unworn problem of the baseline of `case` with the specimens in the folder `reduced`."""
     run = RunRecords({"reduce": reduced})
     upper, lower = run.reduced
-    joint = RigJoint(upper=upper, lower=lower, rig=make_rig(case.rig))
+    joint = RigJoint(upper=upper, lower=lower, rig=LumpedRig.of(case.rig))
     # The quasi-static joint is condensed here once, and not again at every solution.
     quasi_static = case.solver.method is PeriodicMethod.QUASI_STATIC
     return rig_problem(
@@ -76,16 +75,8 @@ def check_effects(case: Case) -> None:
                      areas=np.full(4, side**2), gap=np.zeros(4))
     stiffness = case.specimen.upper.youngs_modulus * side * np.eye(12)
     test = case.test
-    problem = rig_problem(QuasiStaticJoint.from_stiffness(stiffness, make_rig(case.rig)), face,
+    problem = rig_problem(QuasiStaticJoint.from_stiffness(stiffness, LumpedRig.of(case.rig)), face,
                           case.contact.friction_coefficient, test.excitation_frequency, test.excitation_amplitude,
                           test.normal_load)
     model = EffectModel.build(problem, parse_effects(case.effects, case.name))
     refuse_unknown(model.problem(model.initial()), 'solver.method = "dlft"')
-
-
-def make_rig(rig: config.Rig) -> LumpedRig:
-    """Return the rig whose springs follow from its modes."""
-    return LumpedRig.from_modes(
-        rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency, rig.damping_ratio,
-        rig.hinge_damping_ratio,
-    )

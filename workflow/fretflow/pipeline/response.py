@@ -188,10 +188,9 @@ def _run(context: StageContext) -> Figures:
 
 
 def _write_loops(folder: Path, run: RunRecords, problem: PeriodicProblem) -> None:
-    weights = problem.interface.areas / problem.interface.areas.sum()
     motions: dict[str, Callable[[PeriodicSolution], NDArray[np.float64]]] = {
         "observed": lambda period: (period.upper_observation - period.lower_observation)[:, 0],
-        "faces": lambda period: np.asarray(period.displacement[:, :, 0] @ weights)}
+        "faces": lambda period: problem.interface.mean(period.displacement[:, :, 0])}
     for name, motion in motions.items():
         series = read_loops(run.periods, problem.normal_load, motion)
         write_record(folder / f"loops_{name}.h5", series)

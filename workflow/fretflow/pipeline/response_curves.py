@@ -8,7 +8,7 @@ one goes on.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 
 from fretflow.case.config import Case, PeriodicMethod, slice_hash
 from fretflow.core.errors import InputError
+from fretflow.core.progress import Progress
 from fretflow.core.records import quantity, record
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.pipeline.problem import make_model
@@ -154,7 +155,7 @@ def asked_curves(case: Case, folders: Mapping[str, Path], states: Sequence[str],
     return curves
 
 
-def make_curve(asked: AskedCurve, progress: Callable[[float, str], None]) -> RunCurve:
+def make_curve(asked: AskedCurve, progress: Progress) -> RunCurve:
     """Return the curve that is `asked` for, from its file if it has been made before, wholly or in part.
 
     Raises

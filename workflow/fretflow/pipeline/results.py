@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fretflow.case.config import Case, load_case
+from fretflow.contact.interface import area_mean
 from fretflow.contact.law import ContactState
 from fretflow.core.plugins import FIGURES, provided
 from fretflow.core.records import Labelled, to_dataset
@@ -84,10 +85,10 @@ class RunResults(RunRecords):
         """
         import xarray as xr
 
-        weights, loops = self.areas / self.areas.sum(), []
+        areas, loops = self.areas, []
         for cycles, period in self.periods.items():
             along = {"displacement": (period.upper_observation - period.lower_observation)[:, 0],
-                     "face_displacement": period.displacement[:, :, 0] @ weights,
+                     "face_displacement": area_mean(period.displacement[:, :, 0], areas),
                      "friction_force": period.friction_force}
             phase = 2.0 * np.pi * np.arange(len(period.friction_force)) / len(period.friction_force)
             loops.append(to_dataset({name: (("phase",), values, "N" if "force" in name else "m")

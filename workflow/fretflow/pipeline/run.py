@@ -11,6 +11,7 @@ from pathlib import Path
 from fretflow.case.config import Case, load_case
 from fretflow.core.errors import InputError, StoreError
 from fretflow.core.plugins import FIGURES, provided
+from fretflow.core.progress import Progress
 from fretflow.effects.catalogue import parse_effects
 from fretflow.pipeline.comparison import CaseComparison, compare
 from fretflow.pipeline.ranks import Ranks, keep_to_itself, started_size
@@ -77,7 +78,7 @@ def leading(out: Path, watcher: Watcher) -> Iterator[Runner]:
 class _Told(Silent):
     """Passes on how far a run is: all of its stages count alike."""
 
-    def __init__(self, stages: Sequence[str], progress: Callable[[float, str], None]) -> None:
+    def __init__(self, stages: Sequence[str], progress: Progress) -> None:
         self._stages, self._progress = list(stages), progress
 
     def advance(self, stage: str, share: float, text: str) -> None:
@@ -88,7 +89,7 @@ class _Told(Silent):
 
 
 def run(case: Case | Path | str, out: Path | str = "runs", *, until: str | None = None, force: bool = False,
-        progress: Callable[[float, str], None] | None = None) -> RunResults:
+        progress: Progress | None = None) -> RunResults:
     """Run the stages of a case in this process, keep them in ``out/<name>`` and return what they hold.
 
     Complete stages of the same case are reused and an interrupted one goes on where it stopped.
@@ -161,7 +162,7 @@ def compare_run(case: Case, home: Path) -> CaseComparison:
 
 def make_curves(case: Case, folders: Mapping[str, Path], home: Path, states: Sequence[str],
                 bounds: tuple[float | None, float | None], levels: Sequence[float],
-                progress: Callable[[float, str], None], note: Callable[[str], None]
+                progress: Progress, note: Callable[[str], None]
                 ) -> tuple[list[RunCurve], list[Path]]:
     """Make the curves of a run, keep them in its `home` and return them with the files written.
 

@@ -12,6 +12,7 @@ from typing import Any
 from fretflow.case.casefile import dump_case
 from fretflow.case.config import Case
 from fretflow.core.errors import StoreError
+from fretflow.core.progress import Progress
 from fretflow.core.store import write_whole
 
 MANIFEST = "manifest.json"
@@ -21,7 +22,6 @@ SUMMARY_FILE = "summary.json"
 CHECKPOINTS = "checkpoints"  # of the wear stage, the period at each asked cycle count
 
 Figures = Mapping[str, float | int | str | None]
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)

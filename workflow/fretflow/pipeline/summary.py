@@ -137,8 +137,7 @@ def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
     sticking = np.all(unworn.state == ContactState.STICK, axis=0)
     always = float(interface.areas[sticking].sum() / interface.areas.sum())
     share = float(((unworn.state == ContactState.STICK) @ interface.areas).mean() / interface.areas.sum())
-    mean = unworn.displacement[:, :, 0] @ interface.areas / interface.areas.sum()
-    sliding, error = float(np.ptp(mean)), unworn.error_estimate
+    sliding, error = float(np.ptp(interface.mean(unworn.displacement[:, :, 0]))), unworn.error_estimate
     stated = "no error estimate" if np.isnan(error) else f"estimated error {100.0 * error:.2f} %"
     return [
         Figure("stick share", share, "1",
@@ -149,7 +148,7 @@ def _period(unworn: PeriodicSolution, interface: Interface) -> list[Figure]:
 
 def _wear(history: WearHistory, interface: Interface, ridge: float) -> list[Figure]:
     depth, sliding, volume = history.depth[-1], float(history.sliding_distance[-1]), float(history.volume[-1])
-    mean = float(depth @ interface.areas / interface.areas.sum())
+    mean = float(interface.mean(depth))
     largest = float(depth.max())
     end = "" if history.stopped_by == "cycles" else f", stopped by {history.stopped_by}"
     jumps = len(history.cycles) - 1

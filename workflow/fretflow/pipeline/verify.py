@@ -109,7 +109,6 @@ def check_period(name: str, cycles: int, problem: PeriodicProblem, solution: Per
     steps = max(FINER * samples, FEWEST_STEPS) if steps is None else steps
     history = settle(problem, solution, (periods, PATIENCE * periods), steps, SETTLED)
     response = respond(solution, problem.interface)
-    areas = problem.interface.areas
 
     def at_samples(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.interp(np.arange(samples) / samples, np.arange(steps) / steps, history.of_period(values), period=1.0)
@@ -117,7 +116,7 @@ def check_period(name: str, cycles: int, problem: PeriodicProblem, solution: Per
     return PeriodCheck(
         name=name, method=solution.method, cycles=cycles, steps_per_period=steps,
         time=np.arange(samples) / (samples * problem.frequency),
-        periodic_displacement=solution.displacement[:, :, 0] @ areas / areas.sum(),
+        periodic_displacement=problem.interface.mean(solution.displacement[:, :, 0]),
         periodic_force=solution.friction_force,
         integrated_displacement=at_samples(history.relative_displacement),
         integrated_force=at_samples(history.friction_force),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
-from fretflow.contact.interface import Interface
+from fretflow.contact.interface import Interface, work_of_friction
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.core.records import Labelled, quantity, record
@@ -279,8 +279,7 @@ class PeriodicSolution:
     @property
     def dissipated_energy(self) -> float:
         """Return the work of friction in the period, J."""
-        step = self.displacement - np.roll(self.displacement, 1, axis=0)
-        return -float(np.einsum("jmc,jmc->", self.force[:, :, :2], step[:, :, :2]))
+        return work_of_friction(self.displacement, self.force)
 
     @property
     def rig_displacement(self) -> NDArray[np.float64]:

@@ -223,7 +223,7 @@ def _collect(problem: PeriodicProblem, solution: PeriodicSolution, directions: S
              ) -> PeriodSensitivity:
     """Put the record together; seen (n_a, P), and the contact by P columns."""
     areas, b = problem.interface.areas, problem.boundary
-    mean = solution.displacement[:, :, 0] @ areas / areas.sum()
+    mean = problem.interface.mean(solution.displacement[:, :, 0])
     internal = np.empty((len(directions), len(solution.state), b.size))
     for part, by in ((equations.seen, seen), (equations.other, rig.other_by_seen @ seen + rig.other)):
         by_harmonic = by.reshape(equations.synthesis.shape[1], -1)  # coordinates and parameters together

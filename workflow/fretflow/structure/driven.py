@@ -18,14 +18,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.structure.motion import Motion
 from fretflow.structure.sensors import Senses, Signals, in_sensing_order
-
-Array = NDArray[np.float64]
 
 
 @record

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fretflow.core.records import Array
+
 # Times as many samples of forces without memory as of the contact: they cost little, and their kinks, as at the ends
 # of a play or of a scar, fall between the contact's samples. Motions ten times a play cross its rounded ends in two.
 FINER = 8

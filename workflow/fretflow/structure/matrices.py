@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import qr
 
 from fretflow.core.arguments import Like, is_array
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 
-Array = NDArray[np.float64]
 Matrix: TypeAlias = Annotated[Any, Like("a matrix of finite numbers, dense or sparse",
                                         lambda value: sparse.issparse(value) or (
                                             isinstance(value, np.ndarray) and is_array(value) and value.ndim == 2))]

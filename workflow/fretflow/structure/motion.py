@@ -18,12 +18,9 @@ from dataclasses import replace
 from math import comb, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
-
-Array = NDArray[np.float64]
+from fretflow.core.records import Array, quantity, record
 
 DEGREE = 5
 ORDER = 6  # of the differences that leave noise alone

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
-
-Array = NDArray[np.float64]
+from fretflow.core.records import Array, quantity, record
 
 BACKWARDS = -0.05  # of the rectangle about a loop: work that no friction gives back
 MIN_SAMPLES = 16  # of a loop: fewer tell neither reversal nor plateau

@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array as Array
 from fretflow.core.records import quantity, record
 from fretflow.structure.internal_forces import InternalForce
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NORMAL_LOAD = "normal load"  # the input by which the faces are pressed together
 

@@ -6,11 +6,12 @@ Wear, the periodic solution and the laws over cycles are apart: wear sees the ot
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.contact.interface import area_mean, work_of_friction
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.records import quantity, record
 from fretflow.wear.slow import SlowState
@@ -184,13 +185,11 @@ def summarise_cycle(displacement: NDArray[np.float64], force: NDArray[np.float64
         Contact area of each node.
     """
     normal = np.maximum(force[:, :, 2], 0.0)
-    steps = displacement[:, :, :2] - np.roll(displacement[:, :, :2], 1, axis=0)
-    mean_x: Any = displacement[:, :, 0] @ areas / areas.sum()
     return CycleResponse(
         pressure_sliding=np.einsum("jm,jm->m", normal, slip) / areas,
         mean_pressure=normal.mean(axis=0) / areas,
         mean_opening=np.maximum(gap + displacement[:, :, 2], 0.0).mean(axis=0),
         slip_path=slip.sum(axis=0),
         contact_share=in_contact.mean(axis=0),
-        dissipated_energy=-float(np.einsum("jmc,jmc->", force[:, :, :2], steps)),
-        sliding_distance=float(np.ptp(mean_x)))
+        dissipated_energy=work_of_friction(displacement, force),
+        sliding_distance=float(np.ptp(area_mean(displacement[:, :, 0], areas))))

@@ -119,12 +119,10 @@ class DrivenExperiment(IndependentExperiment):
         groups, group = np.unique(data.stretch[rows], return_inverse=True)
         alike = max(1.0, self.shared / self.every)
         modes = [one[rows] for one in (self.noise.bias, self.noise.rounded) if np.any(one[rows])]
-        return Measurement(
-            values=data.force[rows], variance=np.full(count, self.noise.sd**2 * alike),
-            modes=np.stack(modes, axis=1) if modes else np.zeros((count, 0)), code_error=np.zeros((count, 0)),
-            repeatable=np.full(count, 1.0 / alike), channel=np.zeros(count, np.int64), channels=("force",),
-            phase=2.0 * data.phase[rows] % 1.0, group=group, groups=tuple(f"stretch {k + 1}" for k in groups),
-            cycles=np.full(count, np.nan), condition=np.zeros(count, np.int64), held_out=data.held_out[rows])
+        return Measurement.of(
+            data.force[rows], np.full(count, self.noise.sd**2 * alike), channels=("force",),
+            modes=np.stack(modes, axis=1) if modes else np.zeros((count, 0)), repeatable=np.full(count, 1.0 / alike),
+            phase=2.0 * data.phase[rows] % 1.0, group=group, groups=tuple(f"stretch {k + 1}" for k in groups))
 
     @property
     def modulations(self) -> Array:

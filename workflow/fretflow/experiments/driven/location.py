@@ -12,9 +12,8 @@ from fretflow.core.records import Array
 from fretflow.core.units import readable_unit
 from fretflow.experiments.driven.data import DrivenData, Mask
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.law import equal_bins
-from fretflow.experiments.rig.location import parity_parts
-from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.experiments.laws import binned_law
+from fretflow.experiments.loops import PHASES, Strokes, parity_parts
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Location, Place, ResidualLaw
 from fretflow.recordings.kinds.joints import IMPOSED_DISPLACEMENT, LUMPED
 
@@ -124,19 +123,7 @@ def residual_law(data: DrivenData, noise: Noise, left: Array) -> ResidualLaw:
             strokes = Strokes.of(motion.displacement[own], data.force[own])
             since[own] = strokes.since * strokes.way
         states["travel since the reversal, signed by its direction"] = (since, "m")
-    curves = {name: _curve(values[used], left[used], noise) for name, (values, _) in states.items()}
-    name = max(curves, key=lambda key: curves[key][3])
-    at, mean, sd, explained = curves[name]
-    return ResidualLaw(channel="force", state=name, state_unit=states[name][1], channel_unit="N", x=at, y=mean, sd=sd,
-                       explained=explained)
-
-
-def _curve(state: Array, left: Array, noise: Noise) -> tuple[Array, Array, Array, float]:
-    """Return the mean residual over a state in bins of equal count, its sd, and the share of squares it explains."""
-    groups = equal_bins(state)
-    at, mean = (np.array([values[own].mean() for own in groups]) for values in (state, left))
-    inside = sum(float(np.sum((left[own] - left[own].mean())**2)) for own in groups)
-    sd = np.array([left[own].std() / np.sqrt(max(1.0, len(own) / noise.correlation)) for own in groups])
-    most = float(np.sum(left**2)) - len(left) * noise.sd**2
-    explained = 0.0 if most <= 0.0 else float(np.clip((float(np.sum(left**2)) - inside) / most, 0.0, 1.0))
-    return at, mean, sd, explained
+    laws = [binned_law({"channel": "force", "state": name, "state_unit": unit, "channel_unit": "N"}, values[used],
+                       left[used], np.ones(used.sum()), used.sum() * noise.sd**2, noise.correlation)
+            for name, (values, unit) in states.items()]
+    return max(laws, key=lambda law: law.explained)

@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from fretflow.core.progress import Progress
 from fretflow.effects.catalogue import catalogue
 from fretflow.experiments.driven.data import DrivenData, driven_data
 from fretflow.experiments.driven.experiment import DrivenExperiment
@@ -25,15 +26,17 @@ from fretflow.experiments.driven.views import (
     two_stiffnesses,
 )
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
-from fretflow.experiments.rig.words import sentence
+from fretflow.experiments.tools import DiagnosisTools
+from fretflow.experiments.words import sentence
 from fretflow.inference.decision import decide
+from fretflow.inference.diagnosis import diagnosed, share_left
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF, signed_fields
 from fretflow.inference.search import FAST, FULL
-from fretflow.inference.strategy import Progress, begin_all, run_search
+from fretflow.inference.strategy import begin_all, run_search
 from fretflow.inference.verdict import Diagnosis, HeldOut, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, implausible, listed, separating
+from fretflow.inference.words import blocks_of, implausible, listed, separating
 from fretflow.recordings.kinds.joints import LUMPED
 from fretflow.recordings.recording import Recording
 
@@ -41,7 +44,8 @@ DrivenSearch = IndependentSearch[DrivenExperiment]
 ROWS = 800  # samples that count in a search, so that all hypotheses are weighed in seconds
 
 
-def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools: object = None) -> Diagnosis:
+def diagnose_driven(recording: Recording, fast: bool, progress: Progress,
+                    tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what a recording of an imposed displacement or of a lumped system shows that its model leaves out.
 
     Raises
@@ -61,23 +65,19 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress, tools:
     location = locate(data, noise, data.force - before, "" if decision.verdict is Verdict.NONE else block)
     law = residual_law(data, noise, data.force - before) if decision.verdict is Verdict.UNKNOWN else None
     remainder = Remainder(
-        share=1.0 - search.explained(decision.after) if decision.after else 1.0,
+        share=share_left(search, decision),
         times_noise=float(np.sqrt(np.mean((data.force - after)[data.used]**2))) / noise.sd,
         where=locate(data, noise, data.force - after, block).phase)
     made, readings = estimates(search, decision.after), evolved(data, before, after)
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=data.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=sentence(decision, remainder, location, law), detection=detect(data, noise, data.force - before),
-        location=location, remainder=remainder,
-        parameters=made,
+    return diagnosed(
+        recording, decision, detect(data, noise, data.force - before),
+        sentence=sentence(decision, remainder, location, law), location=location, remainder=remainder, parameters=made,
         held_out=held_out(experiment, search.baseline, fit), residual_law=law,
         separating_measurement=separating(decision.rivals or [()]) if law is None else next_measurement(law),
         smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
         notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),
-        after_model=after_model(decision.verdict, decision.after),
         case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "")
 
 

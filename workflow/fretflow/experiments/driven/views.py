@@ -13,7 +13,7 @@ from fretflow.effects.catalogue import table_lines
 from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import LEAST_OF_CYCLE, DrivenData
 from fretflow.experiments.driven.noise import Noise
-from fretflow.experiments.rig.views import MOST_SHOWN, evolution
+from fretflow.experiments.loops import MOST_SHOWN, evolution
 from fretflow.inference.parameters import HALF
 from fretflow.inference.verdict import Comparison, Estimate, Evolution, ResidualLaw, ResidualMap
 from fretflow.inference.words import interval

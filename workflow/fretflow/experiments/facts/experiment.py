@@ -76,11 +76,8 @@ class FactsExperiment(IndependentExperiment):
         """Return the facts in units of their sd, one row and one channel each."""
         facts, size = self.file.facts, len(self.file.facts)
         labels, every = tuple(fact.label for fact in facts), np.arange(size)
-        return Measurement(
-            values=np.array([_level(fact) for fact in facts]), variance=np.ones(size), modes=np.zeros((size, 0)),
-            code_error=self.code_error, repeatable=np.ones(size), channel=every, channels=labels,
-            phase=np.full(size, np.nan), group=every, groups=labels, cycles=np.full(size, np.nan),
-            condition=np.zeros(size, np.int64), held_out=np.zeros(size, bool))
+        return Measurement.of(np.array([_level(fact) for fact in facts]), np.ones(size), code_error=self.code_error,
+                              channel=every, channels=labels, group=every, groups=labels)
 
     @property
     def modulations(self) -> Array:

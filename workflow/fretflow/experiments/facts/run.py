@@ -9,22 +9,25 @@ from scipy.stats import chi2
 
 from fretflow.case.config import Case, Wear
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.progress import Progress
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.facts.experiment import FactsExperiment, shown
 from fretflow.experiments.independent import IndependentSearch, estimates
 from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation
-from fretflow.experiments.rig.run import RigTools
 from fretflow.experiments.rig.setup import CONFIRMING, ELEMENTS, bare_case
-from fretflow.experiments.rig.words import at_bounds, case_text, grade, unfinished
+from fretflow.experiments.rig.words import case_text
+from fretflow.experiments.tools import DiagnosisTools
+from fretflow.experiments.words import at_bounds, grade, unfinished
 from fretflow.inference.decision import Decision, decide, detected, smallest_visible
+from fretflow.inference.diagnosis import diagnosed, share_left
 from fretflow.inference.experiment import Point, Prediction
 from fretflow.inference.least_squares import Fit
 from fretflow.inference.parameters import HALF
 from fretflow.inference.search import FAST, FULL, Pool, Task, fit_task
-from fretflow.inference.strategy import Progress, run_search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, HeldOut, Location, Place, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, listed, separating
+from fretflow.inference.words import blocks_of, listed, separating
 from fretflow.recordings.kinds.facts import QUANTITIES, FactsFile, FactsRecording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt
 from fretflow.solvers.periodic import PeriodicProblem
@@ -36,7 +39,7 @@ NEXT = ("Loops over cycles at both amplitudes and maps of the wear at several cy
         "nothing in the catalogue explains.")
 
 
-def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
+def diagnose_facts(recording: FactsRecording, fast: bool, progress: Progress, tools: DiagnosisTools) -> Diagnosis:
     """Return what facts of a rig's tests show that its model leaves out.
 
     Raises
@@ -125,25 +128,22 @@ def told(recording: FactsRecording, case: Case, search: FactsSearch, decision: D
     base, after = search.baseline, search.fits[decision.after]
     made = tuple(replace(one, name=NAMES.get(one.name.removeprefix("baseline."), one.name))
                  for one in estimates(search, decision.after))
-    remainder = Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
+    remainder = Remainder(share=share_left(search, decision),
                           times_noise=float(np.sqrt(np.mean(after.residual**2))),
                           where=listed_misses(search, after))
     location = locate(search, decision)
     unlisted = decision.verdict is Verdict.UNKNOWN
     warnings = [*unfinished({names for names in (frozenset[str](), decision.after)
                              if not search.fits[names].converged}), *at_bounds(after.parameters, after.z)]
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=sentence(decision, remainder, location), detection=detection, location=location, parameters=made,
-        held_out=held_out(search, base, after), remainder=remainder, warnings=tuple(warnings),
+    return diagnosed(
+        recording, decision, detection, sentence=sentence(decision, remainder, location), location=location,
+        parameters=made, held_out=held_out(search, base, after), remainder=remainder, warnings=tuple(warnings),
         separating_measurement=NEXT if unlisted else separating(decision.rivals or [()]),
         smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         notes=(*map(str, recording.notes), *warnings, *comparisons(search, base, after)),
         case_file=case_text(case, search.experiment.hypothesis(after.prediction.point),
                             case.contact.friction_coefficient, case.wear.coefficient)
-        if decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "",
-        after_model=after_model(decision.verdict, decision.after))
+        if decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "")
 
 
 def comparisons(search: FactsSearch, base: Fit, after: Fit) -> list[str]:

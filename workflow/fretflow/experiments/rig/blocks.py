@@ -22,10 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.experiments.rig.changes import MAKERS, Loop
 from fretflow.experiments.rig.experiment import RigExperiment, simulation_of
-from fretflow.experiments.rig.observation import Array
 from fretflow.inference.evidence import SIZES
 from fretflow.inference.least_squares import Fit
 
@@ -97,6 +96,6 @@ def spaces(experiment: RigExperiment, base: Fit) -> list[Space]:
     loops = [Loop.of(experiment.rig, base, period) for period in (*solved.loops, *solved.sweep)]
     by_block = []
     for block, make in MAKERS:
-        shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, base, loops))
+        shared, single = (projected(base, covariance.whiten(part)) for part in make(experiment.rig, loops))
         by_block.append(Space(block=block, shared=shared, single=single))
     return by_block

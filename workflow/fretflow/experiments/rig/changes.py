@@ -1,6 +1,6 @@
 """Changes of a recording that one block of the rig's model may make, with the equations of all others as they are.
 
-Each maker returns the columns of one block, see `rig_blocks`: those that all loops share, and those of one loop each.
+Each maker returns the columns of one block, see `blocks`: those that all loops share, and those of one loop each.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from fretflow.core.records import Array
 from fretflow.effects.initial_gap import InitialGap
+from fretflow.experiments.loops import Strokes
 from fretflow.experiments.rig.experiment import simulation_of
 from fretflow.experiments.rig.model import RigModel, harmonics_of
-from fretflow.experiments.rig.observation import Array
-from fretflow.experiments.rig.phases import Strokes
 from fretflow.experiments.rig.simulation import Period
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
@@ -132,7 +132,7 @@ def _by_loop(rig: RigModel, loops: list[Loop], changes: Callable[[Loop], list[di
     return _stacked(size, shared), _stacked(size, single)
 
 
-def _contact(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _contact(rig: RigModel, loops: list[Loop]) -> Columns:
     """Return friction forces of any shape, and those that all loops share as functions of travel and speed."""
     def anything(loop: Loop) -> list[dict[str, Array]]:
         forces = loop.force_size * loop.harmonics(LOOP_HARMONICS).T
@@ -179,7 +179,7 @@ def _laws(loop: Loop) -> list[Array]:
     return forces + [force * np.exp(-speed / fading) for fading in (0.1, 0.5)] + [force * speed]
 
 
-def _rig(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _rig(rig: RigModel, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
         return loop.answers([_on_arm(loop, loop.force_size * history, 0) for history in
                              loop.harmonics(SMOOTH).T])
@@ -191,7 +191,7 @@ def _rig(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
     return np.hstack([_by_loop(rig, loops, alike)[0], _worn(rig)]), _by_loop(rig, loops, changes)[1]
 
 
-def _parallel(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _parallel(rig: RigModel, loops: list[Loop]) -> Columns:
     shared, _ = _by_loop(rig, loops, _beside)
     return shared, np.zeros((len(shared), 0))
 
@@ -221,7 +221,7 @@ def _on_arm(loop: Loop, history: Array, on_block: int) -> Direction:
     return Direction(name="force", force=force)
 
 
-def _excitation(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _excitation(rig: RigModel, loops: list[Loop]) -> Columns:
     def changes(loop: Loop) -> list[dict[str, Array]]:
         basis = loop.harmonics(SMOOTH)
         drive = loop.period.condition.excitation.amplitude
@@ -279,15 +279,15 @@ def _early(share: float) -> float:
     return float(np.exp(-8.0 * share))
 
 
-def _force_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _force_sensor(rig: RigModel, loops: list[Loop]) -> Columns:
     return _sensor(rig, loops, "friction_force", "arm")
 
 
-def _motion_sensor(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
+def _motion_sensor(rig: RigModel, loops: list[Loop]) -> Columns:
     return _sensor(rig, loops, "displacement", "friction_force")
 
 
-def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float], list[float]]) -> Columns:
+def _gaps(rig: RigModel, loops: list[Loop], course: Callable[[float], list[float]]) -> Columns:
     """Return fields of the gap over the nodes whose course over the test is as told, with the depth they leave."""
     nodes = rig.problem.interface.size
     total = max(loop.period.step.cycles for loop in loops)
@@ -307,15 +307,15 @@ def _gaps(rig: RigModel, base: Fit, loops: list[Loop], course: Callable[[float],
     return columns, np.zeros((len(columns), 0))
 
 
-def _geometry(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _gaps(rig, base, loops, lambda share: [1.0, 1.0 - share, _early(share)])
+def _geometry(rig: RigModel, loops: list[Loop]) -> Columns:
+    return _gaps(rig, loops, lambda share: [1.0, 1.0 - share, _early(share)])
 
 
-def _wear(rig: RigModel, base: Fit, loops: list[Loop]) -> Columns:
-    return _gaps(rig, base, loops, lambda share: [share, float(np.sqrt(share))])
+def _wear(rig: RigModel, loops: list[Loop]) -> Columns:
+    return _gaps(rig, loops, lambda share: [share, float(np.sqrt(share))])
 
 
-Maker = Callable[[RigModel, Fit, list[Loop]], Columns]
+Maker = Callable[[RigModel, list[Loop]], Columns]
 MAKERS: tuple[tuple[str, Maker], ...] = (
     (CONTACT, _contact), (WEAR, _wear), (RIG, _rig), (RIG, _parallel), (EXCITATION, _excitation), (GEOMETRY, _geometry),
     (SENSOR, _force_sensor), (SENSOR, _motion_sensor))

@@ -24,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fretflow.core.records import Array
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import SMOOTH, is_unsteady
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

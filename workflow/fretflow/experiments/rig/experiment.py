@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
 from fretflow.effects.effect import in_sensors_alone
+from fretflow.experiments.loops import Strokes
 from fretflow.experiments.rig.model import RigModel, at_condition
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, is_other_motion
-from fretflow.experiments.rig.phases import Strokes
+from fretflow.experiments.rig.observation import CHANNELS, Observation, is_other_motion
 from fretflow.experiments.rig.setup import errors_of, is_seen
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
@@ -39,14 +41,13 @@ class RigExperiment(Experiment):
     rig: RigModel
     correction: Array
     code_error: Array  # (M, any), modes of what is not known of the correction
-    held_out: frozenset[str] = frozenset()  # labels of loops
     checks: tuple[RigModel, RigModel] | None = None  # on a finer mesh, and with more samples
     embedded: Array | None = None  # (M, any), see `Measurement`
 
     @cached_property
     def measurement(self) -> Measurement:
         """Return what was measured."""
-        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.held_out, self.embedded)
+        return measured(self.rig.observation, self.code_error, self.rig.total_cycles, self.embedded)
 
     def candidates(self) -> tuple[str, ...]:
         """Return the ids of the effects that act in a rig."""
@@ -92,10 +93,14 @@ class RigExperiment(Experiment):
         if last is None or not self._is_other_motion(leading):
             return None
         kept, seen = self.rig.observation.until(last)
-        rig, *checks = (replace(one, observation=seen) for one in (self.rig, *(self.checks or ())))
-        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None,
-                       correction=self.correction[kept], code_error=self.code_error[kept],
+        return replace(self._with_models(observation=seen), correction=self.correction[kept],
+                       code_error=self.code_error[kept],
                        embedded=None if self.embedded is None else self.embedded[kept])
+
+    def _with_models(self, **changes: Any) -> RigExperiment:
+        """Return the same with fields of its model, and of those that check it, changed."""
+        rig, *checks = (replace(one, **changes) for one in (self.rig, *(self.checks or ())))
+        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)
 
     def _is_other_motion(self, prediction: Prediction) -> bool:
         """Tell whether a prediction is of another motion than the measured one anywhere."""
@@ -126,8 +131,7 @@ class RigExperiment(Experiment):
         jumps = last is not None and last < max(self.rig.observation.counts)
         if self.rig.wear_tolerance <= WearSettings.tolerance or jumps:
             return None
-        rig, *checks = (replace(one, wear_tolerance=WearSettings.tolerance) for one in (self.rig, *(self.checks or ())))
-        return replace(self, rig=rig, checks=(checks[0], checks[1]) if checks else None)
+        return self._with_models(wear_tolerance=WearSettings.tolerance)
 
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with what the coarse model leaves out at a prediction; None where finer ones fail.
@@ -186,8 +190,7 @@ def rig_effects() -> tuple[str, ...]:
     return tuple(name for name, kind in catalogue().items() if FRETTING_RIG in kind.kinds)
 
 
-def measured(observation: Observation, code_error: Array, total_cycles: int, held_out: frozenset[str],
-             embedded: Array | None) -> Measurement:
+def measured(observation: Observation, code_error: Array, total_cycles: int, embedded: Array | None) -> Measurement:
     """Return an observation as the engine takes it."""
     size = len(observation.values)
     labels = tuple(dict.fromkeys(piece.label for piece in observation.pieces))
@@ -213,7 +216,7 @@ def measured(observation: Observation, code_error: Array, total_cycles: int, hel
         values=observation.values, variance=observation.variance, channel=rows["channel"], group=rows["group"],
         condition=rows["condition"],
         modes=observation.modes, code_error=code_error.reshape(size, -1), repeatable=observation.noise,
-        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded, held_out=np.isin(
-            np.array(labels)[rows["group"]], list(held_out)), inputs=frozenset({"excitation"} & set(channels)),
+        channels=channels, groups=labels, phase=phase, cycles=cycles, place=place, embedded=embedded,
+        inputs=frozenset({"excitation"} & set(channels)),
         levels=frozenset(name for name in channels if name in CHANNELS and (
             CHANNELS[name].absolute or CHANNELS[name].growing)))

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from fretflow.core.records import Array
 from fretflow.experiments.rig.experiment import RigExperiment
-from fretflow.experiments.rig.observation import Array, Observation, is_other_motion
+from fretflow.experiments.rig.observation import Observation, is_other_motion
 from fretflow.experiments.rig.views import held_out_error
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fit, Fitter

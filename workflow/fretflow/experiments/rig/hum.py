@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fretflow.core.records import Array
+from fretflow.experiments.loops import HARMONICS
 from fretflow.experiments.rig.equations import Equations, Unknown, blocks_of, further_forces
-from fretflow.experiments.rig.observation import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import SMOOTH
 
-Array = NDArray[np.float64]
 MAINS = (50.0, 60.0)  # Hz (IEC 60038)
 
 

@@ -21,6 +21,7 @@ from scipy import stats
 from fretflow.case.config import Case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.core.errors import FretflowError
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.channel_delay import ChannelDelay
 from fretflow.effects.sensor_drift import SensorDrift
@@ -36,7 +37,7 @@ from fretflow.experiments.rig.equations import (
     is_periodic,
 )
 from fretflow.experiments.rig.hum import MAINS, hum_begun_anew, hum_between_repeats
-from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED, Array
+from fretflow.experiments.rig.observation import CHANNELS, SYNCHRONISED
 from fretflow.experiments.rig.setup import FRICTION, first_friction, first_wear, friction_from_energy
 from fretflow.inference.parameters import HALF
 from fretflow.recordings.loopset import LoopSet, plateau
@@ -107,7 +108,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
     gains = _fitted_gains(rows, case)
     if gains is None or all(1.0 / STATED < abs(gain) < STATED for gain in gains):
         return []
-    equations = Equations.of(recording, _rig(case))
+    equations = Equations.of(recording, LumpedRig.of(case.rig))
     if equations is not None and equations.repeated:  # these know how much the specimens yield
         if not (known := equations.solve()).holds:
             return []  # a play or spring besides
@@ -120,7 +121,7 @@ def _gains(recording: Recording, case: Case) -> list[str]:
 def _terms(rows: Array, case: Case) -> tuple[Array, Array]:
     """Return what the excitation makes of the rig (K,) and what displacement and force (K, 2) do, of fundamentals."""
     drive, x, force, omega = rows.T
-    receptance = np.linalg.inv(_rig(case).impedance(omega.real))
+    receptance = np.linalg.inv(LumpedRig.of(case.rig).impedance(omega.real))
     return receptance[:, 1, 0] * drive, np.column_stack([x, receptance[:, 1, 1] * force])
 
 
@@ -147,7 +148,7 @@ def _late(recording: Recording, case: Case) -> list[str]:
 
     What the catalogue's delay of the force may be is no fault.
     """
-    if (equations := Equations.of(recording, _rig(case))) is None:
+    if (equations := Equations.of(recording, LumpedRig.of(case.rig))) is None:
         return []
     rows = _fundamentals(recording)
     gains, period = _fitted_gains(rows, case), 2.0 * np.pi / np.median(rows[:, 3].real)
@@ -174,14 +175,6 @@ def _comes(name: str, late: float, against: str) -> str:
             "check the filters and the sampling of the channels")
 
 
-def _rig(case: Case) -> LumpedRig:
-    """Return the rig that the file states."""
-    return LumpedRig.from_modes(**{name: getattr(case.rig, key) for name, key in (
-        ("moving_mass", "moving_mass"), ("arm_mass", "arm_mass"), ("in_phase", "in_phase_frequency"),
-        ("out_of_phase", "out_of_phase_frequency"), ("damping_ratio", "damping_ratio"),
-        ("hinge_damping_ratio", "hinge_damping_ratio"))})
-
-
 def _humming(recording: Recording, case: Case) -> list[str]:
     """Return the channel that has the hum of the mains in all of its samples, if one alone has.
 
@@ -198,7 +191,7 @@ def _humming(recording: Recording, case: Case) -> list[str]:
     if len(loud) == 1 and len(seen) > 1 and (loud == ["excitation"] or not unknown):
         (name,) = loud
         sizes = sorted(one[1] for one in known[name] if one is not None)
-    elif not loud and (equations := Equations.of(recording, _rig(case))) is not None:
+    elif not loud and (equations := Equations.of(recording, LumpedRig.of(case.rig))) is not None:
         told = [one for mains in MAINS if (one := hum_begun_anew(recording, equations, mains)) is not None]
         name = max(told)[1] if told else ""
         sizes = sorted(size for _, own, size in told if own == name)
@@ -215,7 +208,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
 
     Specimens on which wear spreads the pressure otherwise yield otherwise: that is no gain, and has to explain less.
     """
-    equations = Equations.of(recording, _rig(case))
+    equations = Equations.of(recording, LumpedRig.of(case.rig))
     if equations is None or recording.loops is None or (plain := equations.solve()).holds:
         return []
     counts, fitted = np.unique(equations.cycles), []
@@ -246,7 +239,7 @@ def _drifting(recording: Recording, case: Case) -> list[str]:
 
 def _small_gains(recording: Recording, case: Case) -> tuple[list[str], list[str]]:
     """Return gains that the equations of motion contradict, and those that another moving mass explains as well."""
-    equations = Equations.of(recording, _rig(case))
+    equations = Equations.of(recording, LumpedRig.of(case.rig))
     if equations is None or recording.loops is None or not (solution := equations.solve()).holds:
         return [], []
     loops = recording.loops
@@ -282,7 +275,7 @@ def _drifting_zero(recording: Recording, case: Case) -> list[str]:
     if loops is None or "excitation" not in loops.channels:
         return []
     there = np.flatnonzero(loops.repeats)
-    rest = np.linalg.inv(_rig(case).stiffness)[1]
+    rest = np.linalg.inv(LumpedRig.of(case.rig).stiffness)[1]
     sizes = {"displacement": 1.0, loops.force_name: rest[1], "excitation": -rest[0]}
     signals = {name: loops.mean(name)[there] for name in sizes}
     means = {name: size * signals[name].mean(axis=1) for name, size in sizes.items()}
@@ -317,7 +310,7 @@ def _gain(name: str, gain: float, sd: float) -> str:
 def _fundamentals(recording: Recording) -> Array:
     """Return drive, displacement, force (complex amplitudes) and angular frequency of all loops, (K, 4).
 
-    None are left without a record of the drive: a stated amplitude has no phase.
+    K is zero without a record of the drive: a stated amplitude has no phase.
     """
     tables = [np.zeros((0, 4), dtype=complex)]
     for loops, frequency in blocks_of(recording):

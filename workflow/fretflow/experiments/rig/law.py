@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fretflow.experiments.rig.observation import Array, Observation, Piece
-from fretflow.experiments.rig.phases import Strokes, smoothed
+from fretflow.core.records import Array
+from fretflow.experiments.laws import binned_law
+from fretflow.experiments.loops import Strokes, smoothed
+from fretflow.experiments.rig.observation import Observation, Piece
 from fretflow.experiments.rig.views import level, loop_pieces
 from fretflow.inference.verdict import ResidualLaw
 
@@ -40,7 +40,9 @@ def residual_law(observation: Observation, predicted: Array) -> ResidualLaw:
             for name in CHANNELS}
     channel = max(size, key=lambda name: size[name])
     own, variance = (np.concatenate([vector[one[channel].place] for one in loops]) for vector in (left, noise))
-    laws = [_law(channel, state, own, variance) for state in _states(observation, loops)]
+    laws = [binned_law({"channel": channel, "state": state.name, "state_unit": state.unit,
+                        "channel_unit": CHANNELS[channel]}, state.values, own * state.way, variance, len(own))
+            for state in _states(observation, loops)]
     return max(laws, key=lambda law: law.explained)
 
 
@@ -72,22 +74,3 @@ def _of_loop(x: Array, force: Array, strokes: Strokes, cycles: int) -> dict[tupl
             ("share of the stroke, signed by its direction", "1"): (strokes.share + 1e-6) * strokes.way,
             ("phase of the excitation", "1"): np.arange(n) / n, (CYCLES, "1"): np.full(n, float(cycles)),
             (ENERGY, "J"): np.full(n, abs(float(np.mean(force * v))) * 2.0 * np.pi)}
-
-
-def _law(channel: str, state: _State, left: Array, variance: Array) -> ResidualLaw:
-    left, groups = left * state.way, equal_bins(state.values)
-    at, mean = (np.array([values[own].mean() for own in groups]) for values in (state.values, left))
-    sd = np.array([left[own].std() / np.sqrt(len(own)) for own in groups])
-    inside = sum(float(np.sum((left[own] - left[own].mean())**2 / variance[own])) for own in groups)
-    whole = float(np.sum(left**2 / variance))
-    excess = whole - len(left)
-    explained = 0.0 if excess <= 0.0 else float(np.clip((whole - inside) / excess, 0.0, 1.0))
-    return ResidualLaw(channel=channel, state=state.name, state_unit=state.unit, channel_unit=CHANNELS[channel], x=at,
-                       y=mean, sd=sd, explained=explained)
-
-
-def equal_bins(values: Array) -> list[NDArray[np.int64]]:
-    """Return samples in bins of about equal count, equal values together: as many bins as each has samples."""
-    share = np.linspace(0.0, 1.0, isqrt(len(values)) + 1)[1:-1]
-    place = np.searchsorted(np.unique(np.quantile(values, share, method="nearest")), values)
-    return [np.flatnonzero(place == k) for k in np.unique(place)]

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fretflow.core.records import Array
+from fretflow.experiments.loops import PARITIES, PHASES, Strokes, parity_parts
 from fretflow.experiments.rig.blocks import Cut, cuts
 from fretflow.experiments.rig.experiment import RigExperiment
-from fretflow.experiments.rig.observation import Array, Observation, count_label
-from fretflow.experiments.rig.phases import PHASES, Strokes
+from fretflow.experiments.rig.observation import Observation, count_label
 from fretflow.experiments.rig.views import loop_pieces
 from fretflow.inference.evidence import LOOP_HARMONICS
 from fretflow.inference.least_squares import Fit
@@ -27,8 +27,6 @@ from fretflow.recordings.kinds.facts import CORNER
 
 CHANNEL_WORDS = {"friction_force": "friction force", "normal_force": "normal force", "worn_volume": "worn volume",
                  "wear_depth": "wear depth"}
-PARITIES = ("a constant", "odd in the displacement", "odd in the direction of motion",
-            "odd in the displacement and in the direction of motion")
 Mask = NDArray[np.bool_]
 
 
@@ -50,8 +48,7 @@ def locate(experiment: RigExperiment, base: Fit, block: str = "", cut: bool = Tr
     experiment, base
         The model with its covariance, and the baseline fitted.
     block
-        The block of the named effects, in words; where it is empty it is decided from cuts of the model (see
-        `rig_blocks`).
+        The block of the named effects, in words; where it is empty it is decided from cuts of the model (see `blocks`).
     cut
         Whether that is to be decided at all.
     """
@@ -176,15 +173,6 @@ def _by_parity(observation: Observation, left: Array) -> Iterator[_Part]:
         freedom += len(variance)
     for name, square in squares.items():
         yield _Part("parity", name, square - freedom, float(stats.chi2.sf(square, max(freedom, 1))))
-
-
-def parity_parts(table: Array) -> dict[str, Array]:
-    """Return the parts of a table (2, bins), directions by displacement, by their parity in each."""
-    parts = []
-    for turn, mirror in product((1.0, -1.0), repeat=2):
-        turned = table + turn * table[::-1]
-        parts.append(0.25 * (turned + mirror * turned[:, ::-1]))
-    return dict(zip(PARITIES, parts, strict=True))
 
 
 def _by_zone(observation: Observation, left: Array) -> Iterator[_Part]:

@@ -18,9 +18,10 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from fretflow.case.config import Solver, WearScheme
 from fretflow.core.errors import FretflowError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.cycle import PeriodicCycle, true_signals
 from fretflow.effects.model import EffectModel
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece, is_other_motion
+from fretflow.experiments.rig.observation import CHANNELS, Observation, Piece, is_other_motion
 from fretflow.experiments.rig.simulation import (
     Hypothesis,
     Period,
@@ -370,8 +371,7 @@ class RigModel:
         """Return the displacement (N,) where the recording measured it, m."""
         solution = period.solution
         if self.displacement_of.place is MeasuredAt.CONTACT_FACES:
-            areas = self.problem.interface.areas
-            slid = solution.displacement[:, :, 0] @ areas / areas.sum()
+            slid = self.problem.interface.mean(solution.displacement[:, :, 0])
             return np.asarray(slid - asperity_motion(period, period.problem, period.condition))
         if self.displacement_of.place is MeasuredAt.BACK_FACES:
             return solution.rig_displacement[:, 1]

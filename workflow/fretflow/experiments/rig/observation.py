@@ -9,13 +9,14 @@ offsets that no sensor is free of.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fretflow.core.errors import UnreliableRecordingError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
+from fretflow.experiments.loops import HARMONICS
 from fretflow.inference.evidence import SIZES
 from fretflow.recordings.loopset import LoopSet
 from fretflow.recordings.periods import noise_sd
@@ -23,8 +24,6 @@ from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import Repeatability, is_unsteady, repeatability, smooth_waves
 from fretflow.recordings.schema import RecordedTest, SweepCondition
 from fretflow.structure.sensors import band_limited
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,6 @@ CHANNELS = {"displacement": LoopChannel(by_loop=0.05, free=0.03, needed=True, wa
             "normal_force": LoopChannel(by_loop=0.003, free=0.01, absolute=True),
             # what it is counted from is unknown: faces meet on asperities
             "approach": LoopChannel(by_loop=0.005, free=3.0, growing=True, warming=True)}
-HARMONICS = 12  # of a loop that are compared
 WARMTH = 3e-8  # m, by which a path of a centimetre of steel grows with 0.3 K, as no distance sensor can tell
 DEFAULT_WEAR_SD = 0.02  # of the volume or of the largest depth, where nothing tells it
 TIMING = 3e-3  # of a period, to which the model and the recording agree on when sliding begins and ends
@@ -61,9 +59,9 @@ class Piece:
     block: str  # "loops", "sweep", "volume", "map"
     channel: str
     cycles: int
-    condition: int | None
-    start: int
-    stop: int
+    condition: int | None = None
+    start: int = 0
+    stop: int = 0
     label: str
 
     @property
@@ -159,29 +157,27 @@ class Observation:
 class _Stack:
     """The vector while it is put together."""
 
-    values: list[Array]
-    variance: list[Array]
-    noise: list[Array]
-    floor: list[Array]
-    pieces: list[Piece]
-    shared: list[tuple[str, slice, Array]]  # name of a common error, where, and its shape there
-    repeats: list[Repeats]
+    values: list[Array] = field(default_factory=list)
+    variance: list[Array] = field(default_factory=list)
+    noise: list[Array] = field(default_factory=list)
+    floor: list[Array] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    shared: list[tuple[str, slice, Array]] = field(default_factory=list)  # name of an error, where, and its shape there
+    repeats: list[Repeats] = field(default_factory=list)
 
     @property
     def size(self) -> int:
         return sum(map(len, self.values))
 
-    def add(self, values: Array, variance: Array, floor: Array, block: str, channel: str, cycles: int,
-            condition: int | None, label: str, more: Array | float = 0.0) -> slice:
-        """Add a piece; `more` is the variance of errors that repeats share and so do not show."""
-        start = self.size
+    def add(self, piece: Piece, values: Array, variance: Array, floor: Array, more: Array | float = 0.0) -> slice:
+        """Add a piece at the end; `more` is the variance of errors that repeats share and so do not show."""
+        piece = replace(piece, start=self.size, stop=self.size + len(values))
         self.values.append(values)
         self.variance.append(variance + more)
         self.noise.append(variance / (variance + more))
         self.floor.append(floor)
-        self.pieces.append(Piece(block=block, channel=channel, cycles=cycles, condition=condition, start=start,
-                                 stop=start + len(values), label=label))
-        return slice(start, start + len(values))
+        self.pieces.append(piece)
+        return piece.place
 
 
 def is_other_motion(one: complex, other: complex) -> bool:
@@ -198,7 +194,7 @@ def observe(recording: Recording) -> Observation:
         If it holds neither loops with displacement and friction force nor a map of the worn depth, or too few samples.
     """
     check_blocks(recording)
-    stack = _Stack([], [], [], [], [], [], [])
+    stack = _Stack()
     _check_samples(recording)
     sizes = {} if recording.loops is None else _add_loops(stack, recording.loops, None, {})
     if recording.sweep is not None:
@@ -208,8 +204,8 @@ def observe(recording: Recording) -> Observation:
     if recording.wear.worn_volume is not None:
         volume = recording.wear.worn_volume
         sd = recording.wear.worn_volume_sd or DEFAULT_WEAR_SD * volume
-        stack.add(np.array([volume]), np.array([sd**2]), np.array([sd]), "volume", "worn_volume", last, None,
-                  "worn volume")
+        stack.add(Piece(block="volume", channel="worn_volume", cycles=last, label="worn volume"),
+                  np.array([volume]), np.array([sd**2]), np.array([sd]))
     points = _add_map(stack, recording, last)
     size, names = stack.size, dict.fromkeys(name for name, _, _ in stack.shared)
     modes = np.zeros((size, len(names)))
@@ -331,8 +327,9 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
             condition = None if conditions is None else int(loops.cycles[k])
             cycles = int(loops.cycles[k]) if conditions is None else -1
             label = count_label(cycles) if conditions is None else conditions[int(loops.cycles[k])]
+            piece = Piece(block=block, channel=channel, cycles=cycles, condition=condition, label=label)
             floor = np.sqrt(spread.repeat_sd**2 + least**2)
-            place = stack.add(mean, variance, floor, block, channel, cycles, condition, label, (TIMING * moving)**2)
+            place = stack.add(piece, mean, variance, floor, (TIMING * moving)**2)
             places.append(place)
             centred, own = mean if kind.absolute else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} wave {j}", place, one / np.sqrt(repeats)) for j, one in enumerate(waves.T)]
@@ -383,7 +380,7 @@ def _add_map(stack: _Stack, recording: Recording, cycles: int) -> Array:
     points = recording.wear_depth
     depth = points.channels["depth"]
     sd = points.sd.get("depth", DEFAULT_WEAR_SD * float(np.abs(depth).max()))
-    place = stack.add(depth, np.full(len(depth), sd**2), np.full(len(depth), sd), "map", "wear_depth", cycles, None,
-                      "wear map")
+    place = stack.add(Piece(block="map", channel="wear_depth", cycles=cycles, label="wear map"),
+                      depth, np.full(len(depth), sd**2), np.full(len(depth), sd))
     stack.shared.append(("depth calibration", place, points.calibration_sd.get("depth", 0.0) * depth))
     return np.column_stack([points.channels["x"], points.channels["y"]])

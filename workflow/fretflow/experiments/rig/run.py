@@ -6,14 +6,16 @@ the covariance; a full diagnosis confirms its answer on a mesh of the pipeline's
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 
-from fretflow.case.config import Case, Reduction
+from fretflow.case.config import Case
 from fretflow.core.errors import FretflowError
+from fretflow.core.progress import Progress
+from fretflow.core.records import Array
 from fretflow.experiments.rig import words
 from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, simulation_of
 from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
@@ -21,11 +23,10 @@ from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
 from fretflow.experiments.rig.location import locate
 from fretflow.experiments.rig.model import RigModel
-from fretflow.experiments.rig.observation import Array, measured_loops, observe
+from fretflow.experiments.rig.observation import measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
     FRICTION,
-    Reduce,
     case_of,
     depth_error,
     errors_of,
@@ -41,6 +42,8 @@ from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.experiments.rig.tangent import neighbours
 from fretflow.experiments.rig.views import comparisons, evolved, held_out_error, residual_maps, wear_map
 from fretflow.experiments.rig.words import case_text, estimates
+from fretflow.experiments.tools import DiagnosisTools
+from fretflow.experiments.words import at_bounds, sentence, unfinished
 from fretflow.inference.decision import (
     Decision,
     beyond_noise,
@@ -51,39 +54,17 @@ from fretflow.inference.decision import (
     shared_anew,
     smallest_visible,
 )
+from fretflow.inference.diagnosis import diagnosed, share_left
 from fretflow.inference.experiment import STEP, Point, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.posterior import largest_odds
-from fretflow.inference.search import FAST, FULL, Pool, Search
-from fretflow.inference.strategy import Progress, run_search, start_search
+from fretflow.inference.search import FAST, FULL, Search
+from fretflow.inference.strategy import run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Location, Remainder, Verdict
-from fretflow.inference.words import after_model, blocks_of, listed
+from fretflow.inference.words import blocks_of, listed, separating
 from fretflow.recordings.periods import LEVEL
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.repeatability import is_unsteady
-from fretflow.solvers.periodic import PeriodicProblem
-
-
-@dataclass(frozen=True)
-class RigTools:
-    """What lies above the diagnosis: meshes and reduction of a case, and processes to call functions in."""
-
-    reduce: Reduce
-    pool: Pool
-
-    def statics(self, cases: Iterable[Case]) -> list[PeriodicProblem]:
-        """Return the problems of cases by their statics: contacts follow these, and specimens' own modes count little.
-
-        Where the pool has several processes they are reduced at once.
-        """
-        few = Reduction(fixed_interface_modes=1, checked_frequencies=1)
-        return self.pool(reduce_task, [(self.reduce, case.model_copy(update={"reduction": few})) for case in cases])
-
-
-def reduce_task(asked: tuple[Reduce, Case]) -> PeriodicProblem:
-    """Return the problem of a case, from meshes to reduction."""
-    reduce, case = asked
-    return reduce(case)
 
 
 @dataclass(frozen=True)
@@ -100,7 +81,7 @@ def predict_task(asked: _Prediction) -> Array:
     return model.predict(model.simulate(of) if isinstance(of, Hypothesis) else model.refine(of))
 
 
-def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: RigTools) -> Diagnosis:
+def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: DiagnosisTools) -> Diagnosis:
     """Return what a recording of the rig shows that the baseline leaves out.
 
     Raises
@@ -151,7 +132,7 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, search: Search, decision: Decision, before: Fit,
-          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: RigTools,
+          detection: Detection, unseen: HeldOutPrediction, doubted: Sequence[str], tools: DiagnosisTools,
           fast: bool, progress: Progress) -> Diagnosis:
     """Return the diagnosis of a verdict."""
     observation, base, after = experiment.rig.observation, search.baseline, search.fits[decision.after]
@@ -161,9 +142,9 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
     law = residual_law(observation, base.predicted) if (
         decision.verdict is Verdict.UNKNOWN and observation.has_loops) else None
     remainder = _remainder(experiment, search, decision, behind)
-    warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *words.unfinished({
+    warnings = [*doubted, *words.assumed(recording), *map(str, recording.notes), *unfinished({
         names for names in (frozenset[str](), decision.after) if not search.fits[names].converged})]
-    warnings += words.at_bounds(after.parameters, after.z)
+    warnings += at_bounds(after.parameters, after.z)
     if experiment.rig.observation.unsteady:
         warnings.append(words.not_repeated())
     if unseen.labels and not unseen.judged:
@@ -174,13 +155,11 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
     named = decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     mean, covariance = search.evidence(decision.after).coordinates(search.prior(decision.after))
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=words.sentence(decision, remainder, location, law) + words.in_doubt(doubted), detection=detection,
+    return diagnosed(
+        recording, decision, detection, sentence=sentence(decision, remainder, location, law) + words.in_doubt(doubted),
         location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
-        separating_measurement=words.next_measurement(law) if law is not None else words.separating(decision.rivals),
+        separating_measurement=words.next_measurement(law) if law is not None else separating(decision.rivals),
         residual_law=law, smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, base.predicted, after.predicted),
@@ -188,8 +167,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
         case_file=case_text(case, hypothesis(Point(after.parameters, mean)),
                             float(np.mean(experiment.rig.problem.friction_coefficient)),
-                            experiment.rig.wear_coefficient) if named else "",
-        after_model=after_model(decision.verdict, decision.after))
+                            experiment.rig.wear_coefficient) if named else "")
 
 
 def plausible(decision: Decision, search: Search, experiment: RigExperiment) -> Decision:
@@ -240,12 +218,11 @@ def _remainder(experiment: RigExperiment, search: Search, decision: Decision, af
     place = locate(experiment, after, cut=False)
     where = ", ".join(part for part in (place.channel, f"the {place.phase}" if place.phase else "", place.condition)
                       if part)
-    share = 1.0 - search.explained(decision.after) if decision.after else 1.0
-    return Remainder(share=share, times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)),
-                     where=where)
+    return Remainder(share=share_left(search, decision), where=where,
+                     times_noise=float(np.sqrt(after.chi_squared / experiment.measurement.expected)))
 
 
-def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools, progress: Progress
+def experiment_of(recording: Recording, elements: Sequence[int], tools: DiagnosisTools, progress: Progress
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
@@ -276,7 +253,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: RigTools
     return made, Prediction(Point(space, np.zeros(space.size)), plainly + correction, first)
 
 
-def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: RigTools) -> str:
+def _confirmed(case: Case, experiment: RigExperiment, fits: Sequence[Fit], tools: DiagnosisTools) -> str:
     """Return in words how well fits predict the recording on a mesh of the pipeline's size, without any correction."""
     rig, observation = experiment.rig, experiment.rig.observation
     full = rig.finer(tools.reduce(case)).denser()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,17 +11,16 @@ from fretflow.case.config import Case, Mesh, Rig, Specimens, Wear, validate_case
 from fretflow.case.plausibility import PLAUSIBLE
 from fretflow.case.sections import ContactSection
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
+from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
 from fretflow.experiments.rig.model import SAMPLES, RigModel
-from fretflow.experiments.rig.observation import Array, Observation, check_blocks
+from fretflow.experiments.rig.observation import Observation, check_blocks
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
 from fretflow.recordings.kinds.facts import FactsTest
 from fretflow.recordings.loopset import plateau
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest
 from fretflow.solvers.periodic import PeriodicProblem
-
-Reduce = Callable[[Case], PeriodicProblem]  # the unworn problem of a case, from meshes to reduction
 
 # Elements per side of the contact square that fits are made with, of second degree: with the same 25 nodes as 4 by 4
 # linear elements the specimens' compliance is 2.9 % too small instead of 9.7 %. One more tells what these leave out.

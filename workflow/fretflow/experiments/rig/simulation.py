@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fretflow.contact.interface import Interface
+from fretflow.core.records import Array
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
-from fretflow.experiments.rig.observation import Array
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.wear.history import WearStep

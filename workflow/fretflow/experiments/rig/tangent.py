@@ -19,10 +19,10 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
 from fretflow.core.errors import FretflowError
+from fretflow.core.records import Array
 from fretflow.effects.derivative import directions_to
 from fretflow.effects.model import EffectModel
 from fretflow.experiments.rig.model import RigModel, channel, harmonics_of
-from fretflow.experiments.rig.observation import Array
 from fretflow.experiments.rig.simulation import Hypothesis, Period, Simulation, asperity_motion
 from fretflow.inference.experiment import STEP
 from fretflow.recordings.schema import MeasuredAt

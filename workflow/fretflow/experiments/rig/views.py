@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.errors import InputError
+from fretflow.core.records import Array
+from fretflow.experiments.loops import MOST_SHOWN, evolution
 from fretflow.experiments.rig.model import SAMPLES
-from fretflow.experiments.rig.observation import CHANNELS, Array, Observation, Piece
+from fretflow.experiments.rig.observation import CHANNELS, Observation, Piece
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.verdict import Comparison, Evolution, ResidualMap, WearMap
-from fretflow.recordings.readings import read_noisy_loop
 from fretflow.structure.sensors import band_limited
 
-MOST_SHOWN = 8  # cycle counts
 LOOPS = ("loops", "sweep")
-READ = ("friction_limit", "tangential_stiffness", "dissipated_energy", "sliding_distance")
 JUDGED = ("displacement", "friction_force")  # by how well held-out loops are predicted
 
 
@@ -85,30 +83,6 @@ def evolved(observation: Observation, before: Array, after: Array) -> Evolution 
     return evolution([pieces[JUDGED[0]].cycles for pieces in loops], [
         tuple((vector[pieces[JUDGED[0]].place], vector[pieces[JUDGED[1]].place])
               for vector in (observation.values, before, after)) for pieces in loops])
-
-
-def evolution(cycles: Sequence[int], loops: Sequence[Sequence[tuple[Array, Array]]]) -> Evolution | None:
-    """Return the readings of loops at their cycle counts; None where there are fewer than two.
-
-    Parameters
-    ----------
-    cycles
-        Count of each loop.
-    loops
-        Displacement in m and force in N, (N,) each: measured, before and after.
-    """
-    if len(cycles) < 2:
-        return None
-    read = np.array([[_readings(loop) for loop in three] for three in loops])
-    return Evolution(cycles=np.asarray(cycles, dtype=float), **{name: read[:, :, k].T for k, name in enumerate(READ)})
-
-
-def _readings(loop: tuple[Array, Array]) -> list[float]:
-    try:
-        reading = read_noisy_loop(*loop)
-    except InputError:
-        return [np.nan] * len(READ)
-    return [np.nan if (value := getattr(reading, name)) is None else value for name in READ]
 
 
 def residual_maps(observation: Observation, covariance: Covariance, before: Array, after: Array

@@ -37,7 +37,7 @@ def told(experiment: StructureExperiment, search: Search, decision: Decision, le
 
 def held_out(experiment: StructureExperiment, search: Search, names: Names) -> HeldOut | None:
     """Return how well amplitudes above those that are fitted are predicted, before and after."""
-    own, last = experiment.measurement, experiment.measurement.held_out
+    own, last = experiment.measurement, experiment.held_out
     count = len(experiment.points.amplitude)
     head = int(np.sum(~last[:count]))
     sizes = []

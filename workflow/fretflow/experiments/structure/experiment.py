@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from fretflow.contact.coulomb import Coulomb
 from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.records import Array
 from fretflow.effects.catalogue import catalogue
-from fretflow.effects.effect import Prior, RecordedSize
+from fretflow.effects.effect import Prior, RecordedSize, in_acting_order
 from fretflow.experiments.structure.coarser import coarser, mesh_errors
 from fretflow.experiments.structure.observation import MATRICES, NOMINAL, BackboneObservation, moves_alike
 from fretflow.experiments.structure.points import SLIDES, BackbonePoints, averaging, shrunk, with_backbone
@@ -38,8 +39,6 @@ from fretflow.solvers.nonlinear_modes.periodic_mode import (
 )
 from fretflow.solvers.nonlinear_modes.quasi_static import STEPS, ModalBackbone, quasi_static_backbone
 from fretflow.structure.reduction.contact_modes import COMPARED, RIGID_MOTIONS, ReducedStructure, reduce_structure
-
-Array = NDArray[np.float64]
 
 STATED = 0.05  # sd of the logarithm of a bolt load, friction or damping that the recording states as known
 FEW = 10  # contact points, up to which each prediction is of periodic motions: 0.05 s, and a diagnosis has a minute
@@ -133,15 +132,18 @@ class StructureExperiment(Experiment):
         noise = np.concatenate([sd**2 for _, sd in blocks])
         rough = np.concatenate([averaging(place, values) for values, _ in blocks])
         decrement = np.r_[np.zeros(count), own.of_decay][:rows]  # or a ratio of energies: nothing says which was taken
-        last = self.third == len(THIRDS) - 1
         # steps of load may change nothing, as where all sticks; other matrices of the same parts still would
         about = np.concatenate([values - values.mean() for values, _ in blocks])
-        return Measurement(
-            values=values, variance=noise + rough**2, modes=np.column_stack([matrices, gain, decrement]),
+        return Measurement.of(
+            values, noise + rough**2, modes=np.column_stack([matrices, gain, decrement]),
             code_error=np.column_stack([self._code_error, MATRICES * about]), repeatable=noise / (noise + rough**2),
             channel=np.repeat(np.arange(parts), count), channels=("frequency", "damping")[:parts], phase=share,
-            group=np.zeros(rows, dtype=np.int64), groups=("backbone",), cycles=np.full(rows, np.nan),
-            condition=np.zeros(rows, dtype=np.int64), held_out=np.tile(last, parts))
+            groups=("backbone",))
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """Return the rows (M,) that judge a prediction: the largest amplitudes of each channel."""
+        return np.tile(self.third == len(THIRDS) - 1, len(self.measurement.channels))
 
     @property
     def third(self) -> NDArray[np.int64]:
@@ -252,7 +254,7 @@ class StructureExperiment(Experiment):
         joint = BoltedJoint(structure=self.structure, bolt_load=own["bolt_load"],
                             law=Coulomb(friction_coefficient=np.array(own["friction_coefficient"])),
                             modal_damping=own.get("modal_damping", 0.0))  # stated as none
-        for effect in sorted(point.built(), key=lambda effect: (effect.acts_at, effect.id)):
+        for effect in in_acting_order(point.built()):
             joint = effect.bolted_anew(joint, self.draw) if self.draw else effect.bolted(joint)
         return joint
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array
 from fretflow.experiments.structure.responses import POWERS
 from fretflow.recordings.kinds.structures import MODAL_UNIT, MeasuredBackbone
 from fretflow.recordings.plausibility import STATED
@@ -18,8 +18,6 @@ from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import PeriodicMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
-
-Array = NDArray[np.float64]
 
 MATRICES = 1e-3  # relative error of a frequency from matrices matched to the parts: what a modal test resolves
 NOMINAL = 0.02  # from those of a drawing: a thickness is known to 1 % (ISO 286, h11), E of a steel to 3, density to 0.5

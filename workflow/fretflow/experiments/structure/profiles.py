@@ -57,12 +57,10 @@ class ProfileExperiment(Experiment):
                                 np.full(len(areas), np.nan)])
         alone = np.arange(len(values)) >= sum(counts)
         fine = replace(self, jumps=2 * self.jumps).first_prediction().values - self.first_prediction().values
-        return Measurement(
-            values=values, variance=sd**2, modes=gain[:, None], code_error=fine[:, None],
-            repeatable=np.ones(len(values)), channel=alone.astype(np.int64),
-            channels=("worn depth", "worn volume")[:2 if areas else 1], phase=phase, group=group,
-            groups=(*(one.name for one in profiles), *(f"test {k + 1}" for k in range(len(areas)))),
-            cycles=np.full(len(values), np.nan), condition=group, held_out=group == len(profiles) - 1)
+        return Measurement.of(
+            values, sd**2, modes=gain[:, None], code_error=fine[:, None], channel=alone.astype(np.int64),
+            channels=("worn depth", "worn volume")[:2 if areas else 1], phase=phase, group=group, condition=group,
+            groups=(*(one.name for one in profiles), *(f"test {k + 1}" for k in range(len(areas)))))
 
     @cached_property
     def _width(self) -> float:

@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
+from fretflow.core.records import Array
 from fretflow.inference.verdict import MeasuredCurve
 from fretflow.recordings.kinds.structure_sections import Control
 from fretflow.recordings.kinds.structures import FEWEST, MOTIONS, ControlledResponse, MeasuredBackbone
@@ -25,8 +25,6 @@ from fretflow.solvers.nonlinear_modes.joint import LinearMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
 from fretflow.solvers.nonlinear_modes.response import force_of_response
 from fretflow.structure.reduction.contact_modes import ReducedStructure
-
-Array = NDArray[np.float64]
 
 POWERS = {unit: power for power, unit in enumerate(MOTIONS)}  # of the angular frequency, in an amplitude of motion
 

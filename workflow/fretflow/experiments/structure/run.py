@@ -19,16 +19,18 @@ from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
 from fretflow.experiments.structure.experiment import StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.corrections import correct
 from fretflow.inference.decision import Decision, decide, detected, estimate, held_to, smallest_visible
-from fretflow.inference.evidence import drawn, groups_of
+from fretflow.inference.diagnosis import diagnosed, estimated, share_left
+from fretflow.inference.evidence import groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
 from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
 from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
-from fretflow.inference.words import after_model, separating
+from fretflow.inference.words import separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
 
 QUICK = replace(FAST, secants=True)  # derivatives are differences, several times as dear as a prediction
@@ -39,7 +41,7 @@ BASELINE = {"bolt_load": ("N", "load of the bolts"), "friction_coefficient": ("1
 
 
 def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool, progress: Progress,
-                       tools: Any = None) -> Diagnosis:
+                       tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what a recording of a structure shows that its model leaves out.
 
     Raises
@@ -79,14 +81,11 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
     left, made = remainder(search, decision), estimates(search, decision.after)
     own = room.told(experiment, search, decision, left)
     own["notes"] = (*own["notes"], *beyond_stated(recording, made))
-    return Diagnosis(
-        title=recording.title, recording=str(recording.path), kind=recording.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        detection=detection, parameters=made, remainder=left, held_out=unseen,
+    return diagnosed(
+        recording, decision, detection, parameters=made, remainder=left, held_out=unseen,
         separating_measurement=(room.NEXT if decision.verdict is Verdict.UNKNOWN else
                                 separating(decision.rivals or [()])),
-        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
-        after_model=after_model(decision.verdict, decision.after), **own)
+        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {}, **own)
 
 
 def _search_where_detected(search: Search, progress: Progress) -> Detection:
@@ -253,10 +252,9 @@ def estimates(search: Search, names: Names) -> tuple[Estimate, ...]:
     """Return the parameters with their 90 % intervals, discrepancies of the laws and of the rest in them."""
     # a fit ends where a step is worth little
     mean, covariance = search.evidence(names).coordinates(search.prior(names))
-    made = (estimate(one, float(z), HALF * float(sd), draws, described(one.effect, one.field)
-                     if one.effect else BASELINE[one.field])
-            for one, z, sd, draws in zip(search.fits[names].parameters.coordinates, mean, np.sqrt(np.diag(covariance)),
-                                         drawn(mean, covariance), strict=True))
+    made = estimated(
+        search.fits[names].parameters, mean, covariance, lambda one, z, half, draws: estimate(
+            one, z, half, draws, described(one.effect, one.field) if one.effect else BASELINE[one.field]))
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
 
@@ -279,5 +277,5 @@ def remainder(search: Search, decision: Decision) -> Remainder:
     values = made.as_recorded(fit.prediction) if isinstance(made, StructureExperiment) else fit.predicted
     square = np.square(own.values - values) / own.variance
     shares = [float(square[own.channel == k].sum()) for k in range(len(own.channels))]
-    return Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
+    return Remainder(share=share_left(search, decision),
                      times_noise=float(np.sqrt(square.mean())), where=own.channels[int(np.argmax(shares))])

@@ -33,15 +33,11 @@ class WearSeriesExperiment(IndependentExperiment):
     @cached_property
     def measurement(self) -> Measurement:
         """Return the transformed volumes over their geometric mean; a test that stands k times counts as one."""
-        tests, count = self.data.tests, len(self.data.tests.volume)
+        tests = self.data.tests
         conditions, group = np.unique(self.data.condition, return_inverse=True)
-        nothing = np.zeros(count, np.int64)
-        return Measurement(
-            values=self._shown(tests.volume), variance=(self.data.sd / tests.scale)**2 / tests.weight,
-            modes=np.zeros((count, 0)), code_error=np.zeros((count, 0)), repeatable=tests.weight, channel=nothing,
-            channels=("worn volume",), phase=np.full(count, np.nan), group=group,
-            groups=tuple(f"condition {k + 1}" for k in conditions), cycles=np.full(count, np.nan), condition=nothing,
-            held_out=np.zeros(count, bool))
+        return Measurement.of(
+            self._shown(tests.volume), (self.data.sd / tests.scale)**2 / tests.weight, repeatable=tests.weight,
+            channels=("worn volume",), group=group, groups=tuple(f"condition {k + 1}" for k in conditions))
 
     def _shown(self, volume: Array) -> Array:
         tests = self.data.tests

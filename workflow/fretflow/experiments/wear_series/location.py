@@ -8,7 +8,7 @@ from scipy import stats
 from fretflow.core.records import Array
 from fretflow.core.units import pretty_number, pretty_quantity
 from fretflow.effects.volume_law import CYCLES, UNITS
-from fretflow.experiments.rig.law import equal_bins
+from fretflow.experiments.laws import equal_bins
 from fretflow.experiments.wear_series.data import WearData, growths
 from fretflow.inference.verdict import Location, Place, ResidualLaw
 

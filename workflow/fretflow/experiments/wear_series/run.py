@@ -11,22 +11,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.effects.volume_law import VolumeLaw
 from fretflow.experiments.independent import IndependentSearch, at_rest, estimates, in_turn, smallest_visible
-from fretflow.experiments.rig.words import sentence
+from fretflow.experiments.tools import DiagnosisTools
 from fretflow.experiments.wear_series import words
 from fretflow.experiments.wear_series.data import WearData, scatter_odds, tests_of_detection, wear_data
 from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
 from fretflow.experiments.wear_series.location import locate, residual_law
 from fretflow.experiments.wear_series.scatter import volume_laws
+from fretflow.experiments.words import sentence
 from fretflow.inference.decision import Decision, decide, detected, shared_anew
+from fretflow.inference.diagnosis import diagnosed, share_left
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import largest_odds
 from fretflow.inference.search import FAST, FULL, NEGLIGIBLE
-from fretflow.inference.strategy import Progress, run_search
+from fretflow.inference.strategy import run_search
 from fretflow.inference.verdict import (
     FALSE_ALARMS,
     Detection,
@@ -37,7 +40,7 @@ from fretflow.inference.verdict import (
     Verdict,
     WearTests,
 )
-from fretflow.inference.words import after_model, implausible, listed, number
+from fretflow.inference.words import implausible, listed, number
 from fretflow.recordings.kinds.wear_series import WearSeries
 
 WearSearch = IndependentSearch[WearSeriesExperiment]
@@ -57,7 +60,8 @@ class Form:
         return frozenset({self.law.effect})
 
 
-def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, tools: object = None) -> Diagnosis:
+def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress,
+                         tools: DiagnosisTools | None = None) -> Diagnosis:
     """Return what the worn volumes of a series show that one wear coefficient leaves out.
 
     Raises
@@ -87,19 +91,16 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress, too
     powers = tuple(name for one in decision.after for name in experiment.forms[one].powers)
     rivals = [one for one in forms if one.names == decision.after and powers and not set(powers) <= set(one.law.powers)
               and one.worth > forms[0].worth - NEGLIGIBLE]
-    remainder = Remainder(share=1.0 - search.explained(decision.after) if decision.after else 1.0,
+    remainder = Remainder(share=share_left(search, decision),
                           times_noise=float(np.sqrt(fit.chi_squared / experiment.measurement.expected)), where="")
-    return Diagnosis(
-        title=series.title, recording=str(series.path), kind=series.kind.id, verdict=decision.verdict,
-        effects=decision.effects, probability=decision.probability, ranking=decision.ranking,
-        sentence=sentence(decision, remainder, location, law), detection=detection, location=location,
+    return diagnosed(
+        series, decision, detection, sentence=sentence(decision, remainder, location, law), location=location,
         parameters=parameters, held_out=unseen, remainder=remainder,
         separating_measurement=words.next_measurement(decision.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
         smallest_visible=smallest_visible(search) if none else {},
         notes=(*words.warnings(data, view), *_of_law(search, fit, powers, rivals, parameters)),
-        case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "",
-        after_model=after_model(decision.verdict, decision.after))
+        case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "")
 
 
 def left_to_chance(decision: Decision, p: float) -> Decision:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fretflow.core.records import Array
@@ -49,11 +48,6 @@ class Tests(WornTests):
     def square(self, model: Array) -> float:
         """Return the weighted sum of squares, m^6."""
         return float(self.weight @ self.residual(model)**2)
-
-    def some(self, kept: NDArray[np.bool_]) -> Tests:
-        """Return some of the tests, transformed as all are."""
-        return Tests(self.volume[kept], self.energy[kept], {name: x[kept] for name, x in self.states.items()},
-                     self.varied, self.weight[kept], self.power, self.scale)
 
 
 def volume_laws(tests: Tests) -> dict[str, tuple[VolumeLaw, ...]]:

@@ -65,7 +65,7 @@ class ResponsePoint:
         free = part.boundary.free_motion(internal, period.displacement, loads)
         moved, interface = face.moved(internal, free, period.force, loads), face.whole.interface
         outputs = part.boundary.observe(internal, period.displacement, period.force, loads)
-        outputs["relative"] = moved[:, 0::3] @ interface.areas / interface.areas.sum()
+        outputs["relative"] = interface.mean(moved[:, 0::3])
         motion = np.column_stack([along_x(outputs[name]) for name in channels_of(part)])
         first_harmonic = 2.0 * np.fft.rfft(motion, axis=0)[1] / len(motion)
         touched = (interface.gap + moved[:, 2::3]).min(axis=0) < 0.0

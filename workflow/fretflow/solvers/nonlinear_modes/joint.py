@@ -15,10 +15,9 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
 from fretflow.contact.kernels.static import SEPARATION, SLIP, STICK, States, StaticContact, follow_loads
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.structure.reduction.contact_modes import ReducedStructure, assembled
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TOLERANCE = 1e-10  # of the bolts' forces, residual of a node

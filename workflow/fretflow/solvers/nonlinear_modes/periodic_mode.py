@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from fretflow.contact.kernels.static import States
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
 from fretflow.structure.reduction.contact_modes import ReducedStructure
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 HARMONICS, SAMPLES = 4, 128  # of a motion

@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from fretflow.contact.kernels.static import SEPARATION, SLIP, States
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode, StaticHistory
-
-Array = NDArray[np.float64]
 
 STEPS = 12  # of load in half a cycle; chords lose 1 / STEPS^2 of a branch that is a parabola, which is given back
 APPROACH = 4  # of load from one amplitude to the next, and from end to end of a first cycle
@@ -38,7 +36,6 @@ class ModalBackbone:
     friction_damping: Array = quantity("1", "(A,), that of the joint")
     outputs: Array = quantity("m", "(A, outputs), amplitude of each named output, with its sign")
     output_names: tuple[str, ...] = ()
-    linear_frequency: float = quantity("Hz")
     dissipated: Array = quantity("J", "(A,), by friction in a cycle")
     sliding: NDArray[np.int64] = quantity("1", "(A,), contact points that slide")
     open: NDArray[np.int64] = quantity("1", "(A,), contact points that open")
@@ -114,7 +111,7 @@ def quasi_static_backbone(joint: BoltedJoint, mode: LinearMode, amplitudes: Arra
     damping = work / (2.0 * np.pi * square * x**2)
     return ModalBackbone(
         amplitude=x, frequency=np.sqrt(square) / (2.0 * np.pi), damping=damping, friction_damping=damping,
-        outputs=outputs, output_names=tuple(joint.structure.outputs), linear_frequency=mode.frequency, dissipated=work,
+        outputs=outputs, output_names=tuple(joint.structure.outputs), dissipated=work,
         sliding=busy[0][back], open=busy[1][back], states=states).of(joint)
 
 

@@ -11,14 +11,11 @@ Turbines Power 135 (2013) 042502), which has at each amplitude at most two frequ
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.quasi_static import ModalBackbone
-
-Array = NDArray[np.float64]
 
 FINE = 400  # amplitudes along a response
 

@@ -13,15 +13,12 @@ times the damping ratio ``D / (2 pi omega^2 A^2)``, to first order.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import MasslessJoint
-
-Array = NDArray[np.float64]
 
 BAND = 0.25  # half width about the frequency, relative: the next mode of a beam is farther away
 EDGE = 6.0  # periods at each end of a decay that the filter bends

@@ -24,13 +24,12 @@ from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
 from fretflow.core.errors import InputError, MeshError
+from fretflow.core.records import Array
 from fretflow.structure.bodies import Bolt, Material
 from fretflow.structure.fem import compat
 from fretflow.structure.fem.elasticity import elastic_forms, elastic_moduli
 from fretflow.structure.fem.mesh_file import MeshedBodies, read_bodies
 from fretflow.structure.matrices import StructureMatrices
-
-Array = NDArray[np.float64]
 
 APART = 0.1  # of a facet's size, which two that face each other may be apart: a wider gap is none of a joint
 FACING = -0.99  # cosine between their normals

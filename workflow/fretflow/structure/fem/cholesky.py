@@ -6,13 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
 from fretflow.core.errors import InputError
-
-Array = NDArray[np.float64]
+from fretflow.core.records import Array
 
 MUMPS_COLUMNS = (27, 256)  # ICNTL(27), right-hand sides at a time: half as fast again as MUMPS' own choice
 

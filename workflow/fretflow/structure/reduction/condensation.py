@@ -19,8 +19,8 @@ from scipy.linalg import blas, lapack
 
 from fretflow.core.compiled import compiled
 from fretflow.core.errors import AuditError
+from fretflow.core.records import Array
 
-Array = NDArray[np.float64]
 Nodes = NDArray[np.int64]
 
 LEAF = 50  # nodes eliminated at once without being divided further: 40 to 100 took the same time

@@ -16,16 +16,13 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve, eigh, qr
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 from fretflow.structure.matrices import DENSE, Matrix, StructureMatrices
-
-Array = NDArray[np.float64]
 
 RIGID_MOTIONS = 6
 RIGID = 1e-6  # eigenvalue over that of the seventh mode: a thousandth of its frequency

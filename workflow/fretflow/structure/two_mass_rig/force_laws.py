@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fretflow.core.records import Array
 from fretflow.structure.internal_forces import ForceAndSlopes
 
-Array = NDArray[np.float64]
 BLOCK, ARM = 0, 1
 
 

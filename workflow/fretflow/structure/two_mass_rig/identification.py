@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fretflow.core.errors import InputError, NonConvergenceError
-from fretflow.core.records import quantity, record
+from fretflow.core.records import Array, quantity, record
 
-Array = NDArray[np.float64]
 DIFFERENCE = 0.01  # of ln p: above the noise of a sampled period, below its curvature
 TOLERANCE = 1e-6  # relative change of objective or coordinates at which to stop
 TRUST = 3.0  # prior standard deviations that a parameter may move
@@ -91,7 +90,6 @@ class Identification:
     data: Data
     value: Array = quantity("SI", "(P,)")
     predicted: Array = quantity("SI", "(D,)")
-    sensitivity: Array = quantity("1", "(D, P), d ln y / d ln p")
     covariance: Array = quantity("1", "(P, P), of ln p")
     strength: Array = quantity("1", "(min(D, P),), singular values g, descending")
     directions: Array = quantity("1", "(min(D, P), P), exponents of ln p, largest 1")
@@ -210,6 +208,5 @@ def _judge(z: Array, scaled: Array, forward: Callable[[Array], Array], prior: Lo
     covariance: Array = np.asarray(np.linalg.inv(np.eye(len(z)) + scaled.T @ scaled), dtype=float)
     return Identification(
         prior=prior, data=data, value=prior.parameters(z), predicted=forward(prior.parameters(z)),
-        sensitivity=scaled * data.relative_sd[:, None] / spread, covariance=covariance * np.outer(spread, spread),
-        strength=strength, directions=exponents / largest[:, None],
+        covariance=covariance * np.outer(spread, spread), strength=strength, directions=exponents / largest[:, None],
         direction_sd=1.0 / (np.sqrt(1.0 + strength**2) * np.abs(largest)))

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from fretflow.case.config import Rig
 from fretflow.core.records import quantity, record
 from fretflow.structure.internal_forces import InternalForce
 from fretflow.structure.structure import MasslessBoundary
@@ -58,6 +59,12 @@ class LumpedRig:
             moving_mass=moving_mass, arm_mass=arm_mass, ground_stiffness=ground, hinge_stiffness=hinge,
             ground_damping=2.0 * damping_ratio * float(np.sqrt(ground * total)),
             hinge_damping=2.0 * hinge_ratio * float(np.sqrt(hinge * arm_mass)))
+
+    @classmethod
+    def of(cls, rig: Rig) -> LumpedRig:
+        """Return the rig of a case, whose springs follow from its modes."""
+        return cls.from_modes(rig.moving_mass, rig.arm_mass, rig.in_phase_frequency, rig.out_of_phase_frequency,
+                              rig.damping_ratio, rig.hinge_damping_ratio)
 
     def load_at(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what a wedge adds to the normal load at positions of the arm in m, N."""

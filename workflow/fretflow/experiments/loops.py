@@ -1,14 +1,24 @@
-"""The phases of a measured loop: where it turns, sticks, begins to slide and slides."""
+"""What any experiment tells of loops: where they turn, stick, begin to slide and slide; parities; readings."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fretflow.core.records import quantity, record
-from fretflow.experiments.rig.observation import HARMONICS, Array
+from fretflow.core.errors import InputError
+from fretflow.core.records import Array, quantity, record
+from fretflow.inference.verdict import Evolution
+from fretflow.recordings.readings import read_noisy_loop
 
+HARMONICS = 12  # of a loop that are compared
+MOST_SHOWN = 8  # cycle counts, or cycles
+READ = ("friction_limit", "tangential_stiffness", "dissipated_energy", "sliding_distance")
 PHASES = ("reversal", "stick slope", "knee", "plateau", "plateau end")
+PARITIES = ("a constant", "odd in the displacement", "odd in the direction of motion",
+            "odd in the displacement and in the direction of motion")
 
 
 @record
@@ -58,3 +68,36 @@ def smoothed(loop: Array) -> Array:
     spectrum = np.fft.rfft(loop)
     spectrum[HARMONICS + 1:] = 0.0
     return np.fft.irfft(spectrum, len(loop))
+
+
+def parity_parts(table: Array) -> dict[str, Array]:
+    """Return the parts of a table (2, bins), directions by displacement, by their parity in each."""
+    parts = []
+    for turn, mirror in product((1.0, -1.0), repeat=2):
+        turned = table + turn * table[::-1]
+        parts.append(0.25 * (turned + mirror * turned[:, ::-1]))
+    return dict(zip(PARITIES, parts, strict=True))
+
+
+def evolution(cycles: Sequence[int], loops: Sequence[Sequence[tuple[Array, Array]]]) -> Evolution | None:
+    """Return the readings of loops at their cycle counts; None where there are fewer than two.
+
+    Parameters
+    ----------
+    cycles
+        Count of each loop.
+    loops
+        Displacement in m and force in N, (N,) each: measured, before and after.
+    """
+    if len(cycles) < 2:
+        return None
+    read = np.array([[_readings(loop) for loop in three] for three in loops])
+    return Evolution(cycles=np.asarray(cycles, dtype=float), **{name: read[:, :, k].T for k, name in enumerate(READ)})
+
+
+def _readings(loop: tuple[Array, Array]) -> list[float]:
+    try:
+        reading = read_noisy_loop(*loop)
+    except InputError:
+        return [np.nan] * len(READ)
+    return [np.nan if (value := getattr(reading, name)) is None else value for name in READ]
