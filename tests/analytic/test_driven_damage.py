@@ -76,14 +76,14 @@ USABLE = {"no numbers in the force": ("force, rows 501-520", ""), "no numbers in
 def test_what_can_be_used_is_used_with_a_warning(diagnosed, kind, name):
     diagnosis = diagnosed(damaged(name, *slider(kind=kind)), kind)
     where, text = USABLE[name]
-    assert any(where in note and text in note for note in diagnosis.notes)
+    assert any(where in note and text in note for note in diagnosis.warnings)
     assert diagnosis.verdict is not Verdict.NAMED
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_that_is_cut_off_says_in_which_row(diagnosed, kind):
     diagnosis = diagnosed(slider(kind=kind), kind, lambda text: text[:len(text) * 3 // 4].rpartition(",")[0])
-    assert any("the file is cut off within this row" in note for note in diagnosis.notes)
+    assert any("the file is cut off within this row" in note for note in diagnosis.warnings)
     assert diagnosis.verdict is Verdict.NONE
 
 
@@ -110,16 +110,16 @@ def test_swapped_columns_and_wrong_signs_are_told_by_the_work(diagnosed, kind, c
 
 def test_one_cycle_is_diagnosed_with_a_warning(diagnosed):
     diagnosis = diagnosed([column[:PERIOD + 20] for column in slider()])
-    assert any("fewer than two whole cycles" in note for note in diagnosis.notes)
+    assert any("fewer than two whole cycles" in note for note in diagnosis.warnings)
     assert diagnosis.verdict is Verdict.NONE
-    assert not any("fewer than" in note for note in diagnosed(slider()).notes)
+    assert not any("fewer than" in note for note in diagnosed(slider()).warnings)
 
 
 def test_a_few_whole_cycles_from_zero_are_all_cycles(diagnosed):
     """Of two that begin as the displacement rises through its middle none repeated: one lay between its passages."""
     later = [column[PERIOD:] for column in slider(cycles=3)]
     found = diagnosed([later[0] - later[0][0], *later[1:]])
-    assert not any("fewer than" in note for note in found.notes)
+    assert not any("fewer than" in note for note in found.warnings)
     assert found.verdict is Verdict.NONE
 
 
@@ -128,6 +128,6 @@ def test_a_very_long_record_is_thinned_no_further_than_its_cycles_bear(diagnosed
     monkeypatch.setattr(driven, "MOST_ROWS", 4000)
     monkeypatch.setattr(driven, "LEAST_OF_CYCLE", 100)
     diagnosis = diagnosed(slider(cycles=80))
-    assert any("rows 8,001-16,000: not used" in note for note in diagnosis.notes)
-    assert any("every row of 2 is used" in note for note in diagnosis.notes)
+    assert any("rows 8,001-16,000: not used" in note for note in diagnosis.warnings)
+    assert any("every row of 2 is used" in note for note in diagnosis.warnings)
     assert diagnosis.verdict is Verdict.NONE

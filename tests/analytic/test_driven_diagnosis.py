@@ -202,7 +202,7 @@ def test_every_sample_of_a_thinned_loop_stands_beside_those_that_are_compared():
 def test_effects_that_need_time_are_left_out_where_there_is_none():
     diagnosis = diagnose_driven(made(EFFECTS["parallel-stiffness"], timed=False), True, quiet)
     assert "parallel-stiffness" in diagnosis.effects
-    assert any("viscous" in note and "no time axis" in note for note in diagnosis.notes)
+    assert any("viscous" in note and "no time axis" in note for note in diagnosis.warnings)
     assert all("viscous" not in one.effects for one in diagnosis.ranking)
 
 

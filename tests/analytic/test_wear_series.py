@@ -208,7 +208,7 @@ def test_conditions_that_vary_together_are_not_told_apart():
     diagnosis = diagnosed(WearSeries(path=made.path, title="", rows=made.rows, volume=volume, energy=energy,
                                      states={**made.states, "amplitude": d}, further={}), fast=True)
     assert diagnosis.effects == ("wear-power-law",)
-    assert any("pressure and sliding vary together" in note for note in diagnosis.notes)
+    assert any("pressure and sliding vary together" in note for note in diagnosis.warnings)
     # of 79 % beside the 95 % of what was named it said "about as well"
     assert any(note.startswith("powers of") and note.endswith(" %, and are not ruled out") for note in diagnosis.notes)
 
@@ -225,7 +225,7 @@ def test_rows_that_stand_twice_count_once():
     assert twice.held_out.after == pytest.approx(once.held_out.after, rel=1e-3)
     for one, other in zip(once.parameters, twice.parameters, strict=True):
         assert (other.low, other.high) == pytest.approx((one.low, one.high), rel=1e-3, abs=0.0)
-    assert any("rows 4, 21-40 repeat the volume" in note for note in twice.notes)
+    assert any("rows 4, 21-40 repeat the volume" in note for note in twice.warnings)
 
 
 def test_intervals_cover():

@@ -75,7 +75,7 @@ def test_a_bolted_joint_slips_bit_by_bit(recordings, tmp_path):
     assert diagnosis.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     assert "distributed-micro-slip" in diagnosis.effects
     assert diagnosis.held_out.after < 0.8 * diagnosis.held_out.before
-    assert any("no time axis" in note for note in diagnosis.notes)
+    assert any("no time axis" in note for note in diagnosis.warnings)
 
 
 def test_a_single_small_loop_of_a_bolted_joint_is_seen_to_differ_but_names_nothing_else(recordings, tmp_path):

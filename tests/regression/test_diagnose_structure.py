@@ -212,7 +212,7 @@ def test_a_wrong_value_that_is_stated_is_told_and_is_no_missing_physics(sliding)
     assert diagnosis.verdict is Verdict.NONE
     damping = next(one for one in diagnosis.parameters if one.name == "structure.modal_damping")
     assert damping.low < 1e-3 < damping.high
-    assert any("instead of 0.004" in note for note in diagnosis.notes)
+    assert any("instead of 0.004" in note for note in diagnosis.warnings)
 
 
 def test_noise_is_read_off_neighbours_and_points_are_averaged(sprung):

@@ -46,7 +46,8 @@ def test_steel_wears_by_powers_of_pressure_amplitude_and_frequency(recordings):
 
 def test_what_steel_does_not_tell_is_said(recordings):
     """One pressure was never put under a joule meter, and the power of the pressure hangs on the smallest volumes."""
-    said = " ".join(series(recordings, STEEL).notes)
+    diagnosis = series(recordings, STEEL)
+    said = " ".join((*diagnosis.warnings, *diagnosis.notes))
     assert "energy, row 9: is taken in proportion" in said
     assert "energy, rows 10-28: is taken as volume over coefficient" in said
     assert "if scatter grew in proportion to the volume" in said
@@ -69,7 +70,7 @@ def test_titanium_wears_by_the_power_density(recordings):
 def test_titanium_rows_that_stand_twice_are_named(recordings):
     """P_1 and R_4 are one test, as f_8 is; Rp_5, f_6 and RP_f_5 are one, with two values of the power density."""
     diagnosis = series(recordings, TITANIUM)
-    said = " ".join(diagnosis.notes)
+    said = " ".join(diagnosis.warnings)
     assert "rows 4-5, 10-14, 20, 22-27 repeat the volume" in said
     assert "tests that stand twice with different power density" in said
     assert "worn volume, row 18: has no number" in said

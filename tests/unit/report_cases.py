@@ -169,7 +169,7 @@ def named(kind: str = "fretting-rig") -> Diagnosis:
                                "sliding from one on energy.",
         smallest_visible={}, comparisons=loops, residual_maps=maps,
         evolution=None if lumped else evolved(loops), wear_map=wear() if kind == "fretting-rig" else None,
-        notes=("loops, displacement, rows 412-418: 7 values are missing and were left out",),
+        warnings=("loops, displacement, rows 412-418: 7 values are missing and were left out",),
         case_file='format = "fretflow-case/1"\nname = "run_in"\n[test]\nexcitation_amplitude = "53 N"\n'
                   'cycles = 300000\n[effects.friction-run-in]\ninitial = 0.334\n',
         seconds=372.0)
@@ -188,7 +188,7 @@ def none(kind: str = "fretting-rig") -> Diagnosis:
         location=Location(block="", channel="", phase="", cycles=(0, 0), zone=""), separating_measurement="",
         held_out=HeldOut(what="loops at 10,000 cycles", before=1.02, after=1.02, floor=1.0),
         smallest_visible={"friction-run-in": 0.03, "third-body": 0.44, "scar-edge": 1.7, "channel-delay": 0.004,
-                          "wear-threshold": math.nan}, case_file="", notes=(), fast=True, seconds=41.0)
+                          "wear-threshold": math.nan}, case_file="", warnings=(), fast=True, seconds=41.0)
 
 
 def ambiguous(kind: str = "fretting-rig") -> Diagnosis:

@@ -93,11 +93,10 @@ def test_a_doubt_is_told_at_once_and_names_no_stage(monkeypatch):
     assert list(stages.ended()) == ["specimens on two meshes"]
 
 
-def test_the_json_has_every_warning_of_the_terminal_once(diagnosis):
+def test_the_json_has_every_warning_and_note_of_the_terminal(diagnosis):
     """Those of joints that a motion drives and of wear series had been missing."""
-    said = replace(diagnosis, warnings=("play stands at its bound",),
-                   notes=("play stands at its bound", "no time axis"))
-    assert said.to_json()["warnings"] == ["play stands at its bound", "no time axis"]
+    said = replace(diagnosis, warnings=("play stands at its bound",), notes=("1 N of noise",))
+    assert said.to_json()["warnings"] == ["play stands at its bound", "1 N of noise"]
 
 
 def test_memory_is_that_of_the_process():

@@ -81,7 +81,8 @@ def test_what_is_printed_in_short(cases, calls, capsys):
     shown = " ".join(capsys.readouterr().out.split())
     for text in ("Missing physics named.", "friction-run-in 96 % 97 % fully",
                  "contact-stiffness-evolution < 0.1 % 31 % given up early", diagnosis.location.text,
-                 "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after", diagnosis.notes[0],
+                 "friction-run-in.energy 42.1", "38.7 to 46.0 J", "error 8.40 before, 1.06 after",
+                 f"warning: {diagnosis.warnings[0]}", "something that the catalogue lacks",
                  diagnosis.separating_measurement, "p < 10⁻¹⁵"):
         assert text in shown
     assert "velocity-dependent-friction" not in shown, "only five are shown"

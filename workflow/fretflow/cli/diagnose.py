@@ -118,6 +118,6 @@ def _show(console: Terminal, diagnosis: Diagnosis) -> None:
                       f"{words.number(fit.after)} after, {words.number(fit.floor)} among repeats", soft_wrap=True)
     if diagnosis.separating_measurement:
         console.print(f"measure next: {escape(diagnosis.separating_measurement)}", soft_wrap=True)
-    for note in diagnosis.notes:
-        console.print(f"warning: {escape(note)}", soft_wrap=True)
+    for text in (*(f"warning: {one}" for one in diagnosis.warnings), *(f"note: {one}" for one in diagnosis.notes)):
+        console.print(escape(text), soft_wrap=True)
     console.print(f"took: {escape(words.cost(diagnosis))}", soft_wrap=True)

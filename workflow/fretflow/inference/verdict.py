@@ -245,7 +245,7 @@ class Diagnosis:
     residual_law: ResidualLaw | None = None
     remainder: Remainder | None = None
     warnings: tuple[str, ...] = ()  # what makes the verdict less sure than its probability
-    notes: tuple[str, ...] = ()  # warnings of the recording, limits of the diagnosis
+    notes: tuple[str, ...] = ()  # what else there is to know of the model and the recording
     case_file: str = ""  # text of a case with the named effects that `fretflow run` takes
     after_model: str = ""  # what "after" was predicted with: "baseline + friction-run-in"
     seconds: float = quantity("s", default=0.0)
@@ -283,7 +283,7 @@ class Diagnosis:
             "remainder": {} if self.remainder is None else {
                 "share": _plain(self.remainder.share), "times_noise": _plain(self.remainder.times_noise),
                 "where": self.remainder.where},
-            "warnings": list(dict.fromkeys((*self.warnings, *self.notes))), "version": own_version(),
+            "warnings": [*self.warnings, *self.notes], "version": own_version(),
             "commit": commit() or "", "seconds": self.seconds, "stages": dict(self.stages),
             "memory": {"main": self.memory[0], "worker": self.memory[1]}}
         if path is not None:

@@ -77,7 +77,8 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress,
         smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
-        notes=(*_notes(recording, data, experiment), *implausible(made), *two_stiffnesses(readings, made)),
+        warnings=(*_warnings(recording, data), *implausible(made), *two_stiffnesses(readings, made)),
+        notes=_notes(data, experiment),
         case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "")
 
 
@@ -141,12 +142,16 @@ def held_out(experiment: DrivenExperiment, *fits: Fit) -> HeldOut:
     return HeldOut(what=data.held_out_words, before=sizes[0], after=sizes[-1], floor=1.0)
 
 
-def _notes(recording: Recording, data: DrivenData, experiment: DrivenExperiment) -> tuple[str, ...]:
-    noise = experiment.noise
-    notes = [*map(str, recording.notes), *data.notes, f"noise: {noise.sd:,.3g} N a sample, from {noise.source}"]
+def _warnings(recording: Recording, data: DrivenData) -> tuple[str, ...]:
+    told = (*map(str, recording.notes), *data.notes)
     rates = [name for name, kind in catalogue().items() if data.kind in kind.kinds and kind.needs_time]
-    if not data.timed and rates:
-        notes.append(f"the record has no time axis, so that {listed(rates)} were not looked at")
-    if data.kind is LUMPED:
-        notes.append("the force is predicted from the measured motion, which is taken as it is")
-    return tuple(notes)
+    if data.timed or not rates:
+        return told
+    return (*told, f"the record has no time axis, so that {listed(rates)} were not looked at")
+
+
+def _notes(data: DrivenData, experiment: DrivenExperiment) -> tuple[str, ...]:
+    noise = experiment.noise
+    said = f"noise: {noise.sd:,.3g} N a sample, from {noise.source}"
+    return (said, "the force is predicted from the measured motion, which is taken as it is") if (
+        data.kind is LUMPED) else (said,)

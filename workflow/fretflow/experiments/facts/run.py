@@ -133,14 +133,14 @@ def told(recording: FactsRecording, case: Case, search: FactsSearch, decision: D
                           where=listed_misses(search, after))
     location = locate(search, decision)
     unlisted = decision.verdict is Verdict.UNKNOWN
-    warnings = [*unfinished({names for names in (frozenset[str](), decision.after)
+    warnings = [*map(str, recording.notes), *unfinished({names for names in (frozenset[str](), decision.after)
                              if not search.fits[names].converged}), *at_bounds(after.parameters, after.z)]
     return diagnosed(
         recording, decision, detection, sentence=sentence(decision, remainder, location), location=location,
         parameters=made, held_out=held_out(search, base, after), remainder=remainder, warnings=tuple(warnings),
         separating_measurement=NEXT if unlisted else separating(decision.rivals or [()]),
         smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
-        notes=(*map(str, recording.notes), *warnings, *comparisons(search, base, after)),
+        notes=tuple(comparisons(search, base, after)),
         case_file=case_text(case, search.experiment.hypothesis(after.prediction.point),
                             case.contact.friction_coefficient, case.wear.coefficient)
         if decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) else "")

@@ -128,7 +128,7 @@ def faulty(recording: Recording, wrong: Sequence[str]) -> Diagnosis:
         location=Location(block="sensor", channel="", phase="", cycles=(0, 0), zone="", text=""), parameters=(),
         held_out=None, faults=tuple(wrong),
         separating_measurement="The channels again, calibrated against each other at rest and unloaded.",
-        smallest_visible={}, remainder=whole, warnings=told, notes=told)
+        smallest_visible={}, remainder=whole, warnings=told)
 
 
 def _told(recording: Recording, case: Case, experiment: RigExperiment, search: Search, decision: Decision, before: Fit,
@@ -149,10 +149,10 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         warnings.append(words.not_repeated())
     if unseen.labels and not unseen.judged:
         warnings.append(words.not_judged())
-    notes = list(warnings)
+    notes: tuple[str, ...] = ()
     if not fast and observation.has_loops:
         progress(0.9, "confirming on the full mesh")
-        notes.append(_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools))
+        notes = (_confirmed(case, experiment, list(dict.fromkeys((base, after))), tools),)
     named = decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
     mean, covariance = search.evidence(decision.after).coordinates(search.prior(decision.after))
     return diagnosed(
@@ -164,7 +164,7 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
         comparisons=comparisons(observation, unseen.before, unseen.after, unseen.labels, measured_loops(recording)),
         evolution=evolved(observation, base.predicted, after.predicted),
         residual_maps=residual_maps(observation, experiment.measurement.covariance(), base.predicted, after.predicted),
-        wear_map=wear_map(observation, base.predicted, after.predicted), notes=tuple(notes),
+        wear_map=wear_map(observation, base.predicted, after.predicted), notes=notes,
         case_file=case_text(case, hypothesis(Point(after.parameters, mean)),
                             float(np.mean(experiment.rig.problem.friction_coefficient)),
                             experiment.rig.wear_coefficient) if named else "")

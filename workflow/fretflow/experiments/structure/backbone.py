@@ -31,8 +31,12 @@ def told(experiment: StructureExperiment, search: Search, decision: Decision, le
     location, after = _locate(experiment, search, decision), search.fits[decision.after]
     return {"location": location, "sentence": _sentence(decision, search, left, location.text, experiment.or_finer),
             "curves": curves(experiment, search.baseline.prediction, after.prediction),
-            "notes": (*map(str, experiment.recording.notes), *_notes(experiment, after.prediction),
-                      _checked(search, decision.after))}
+            "notes": (*_notes(experiment, after.prediction), _checked(search, decision.after))}
+
+
+def warnings(experiment: StructureExperiment) -> tuple[str, ...]:
+    """Return what makes any verdict on a recording less sure."""
+    return (*map(str, experiment.recording.notes), *outside_of_mode(experiment))
 
 
 def held_out(experiment: StructureExperiment, search: Search, names: Names) -> HeldOut | None:
@@ -88,7 +92,7 @@ def _locate(experiment: StructureExperiment, search: Search, decision: Decision)
 def _notes(experiment: StructureExperiment, fitted: Prediction) -> list[str]:
     own, off = experiment.structure, float(experiment.as_recorded(fitted)[0] / fitted.values[0]) - 1.0
     notes = [f"{own.contacts} contact points, {len(own.eigenvalues)} modes of the closed joint, {own.rigid_motions} "
-             f"motions that strain nothing; mode {experiment.mode + 1} is compared", *outside_of_mode(experiment)]
+             f"motions that strain nothing; mode {experiment.mode + 1} is compared"]
     if experiment.spacing != 1.0:
         notes.append("the backbone is most probable as of a mesh much finer than that of the matrices, as real faces "
                      "are: what the distance of contact points changes counts as an error")

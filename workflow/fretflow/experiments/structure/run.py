@@ -27,7 +27,7 @@ from fretflow.inference.evidence import groups_of
 from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
-from fretflow.inference.search import FAST, FULL, Effort, Names, Search, Task, fit_task
+from fretflow.inference.search import FAST, FULL, Effort, Names, Pool, Search, Task, fit_task
 from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import separating
@@ -52,40 +52,61 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
         If the baseline has no equilibrium, or no pressure.
     """
     progress(0.02, "building the model")
-    room: Any = worn if isinstance(recording, WornRecording) else backbone
-    experiment = ProfileExperiment(recording) if isinstance(recording, WornRecording) else StructureExperiment.of(
-        recording)
-    said = backbone.outside_of_mode(experiment) if isinstance(experiment, StructureExperiment) else []
-    progress(0.1, "; ".join(["refitting the baseline", *said]))
-    pool, effort = in_turn if tools is None else tools.pool, QUICK if fast or experiment.many else FULL
-    search, others = start_search(experiment, experiment.first_prediction(), effort, pool), list[Weighed]()
-    if isinstance(experiment, StructureExperiment):
-        begin_baselines(experiment, search)
-    detection = _search_where_detected(search, lambda share, text: progress(0.15 + 0.3 * share, text))
-    if isinstance(experiment, StructureExperiment):
-        experiment, search, others = told_again(experiment, search)
-        detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
-        free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
-        if free is not None:
-            found = _search_where_detected(free[1], progress)
-            experiment, search, others = either((experiment, search, others), free)
-            detection = found if search is free[1] else detection
-        for _ in range(AGAIN):
-            search.settled.clear()
-            correct(search, [0, 1, 2])
+    pool = in_turn if tools is None else tools.pool
+    if isinstance(recording, WornRecording):
+        return _of_profiles(recording, pool, QUICK if fast else FULL, progress)
+    return _of_backbone(recording, pool, fast, progress)
+
+
+def _of_backbone(recording: StructureRecording, pool: Pool, fast: bool, progress: Progress) -> Diagnosis:
+    experiment = StructureExperiment.of(recording)
+    progress(0.1, "; ".join(["refitting the baseline", *backbone.outside_of_mode(experiment)]))
+    effort = QUICK if fast or experiment.many else FULL
+    search = start_search(experiment, experiment.first_prediction(), effort, pool)
+    begin_baselines(experiment, search)
+    _search_where_detected(search, lambda share, text: progress(0.15 + 0.3 * share, text))
+    experiment, search, others = told_again(experiment, search)
+    detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
+    free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
+    if free is not None:
+        found = _search_where_detected(free[1], progress)
+        experiment, search, others = either((experiment, search, others), free)
+        detection = found if search is free[1] else detection
+    for _ in range(AGAIN):
+        search.settled.clear()
+        correct(search, [0, 1, 2])
     decision = detected(decide(search, averaged(posterior(search), others)), detection)
     progress(0.85, "what is held out")
-    unseen = room.held_out(experiment, search, decision.after)
-    # what models leave is smooth over amplitudes or a scar: each channel and each profile is one error
-    decision = held_to(decision, unseen, len(groups_of(experiment.measurement)))
-    left, made = remainder(search, decision), estimates(search, decision.after)
-    own = room.told(experiment, search, decision, left)
-    own["notes"] = (*own["notes"], *beyond_stated(recording, made))
+    unseen = backbone.held_out(experiment, search, decision.after)
+    decision = held_to(decision, unseen, len(groups_of(experiment.measurement)))  # what is left of each is one error
+    made, left = estimates(search, decision.after), remainder(search, decision)
     return diagnosed(
-        recording, decision, detection, parameters=made, remainder=left, held_out=unseen,
-        separating_measurement=(room.NEXT if decision.verdict is Verdict.UNKNOWN else
-                                separating(decision.rivals or [()])),
-        smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {}, **own)
+        recording, decision, detection, parameters=made, held_out=unseen, remainder=left,
+        warnings=(*backbone.warnings(experiment), *beyond_stated(recording, made)), **next_and_visible(
+            search, decision, backbone.NEXT), **backbone.told(experiment, search, decision, left))
+
+
+def _of_profiles(recording: WornRecording, pool: Pool, effort: Effort, progress: Progress) -> Diagnosis:
+    experiment = ProfileExperiment(recording)
+    progress(0.1, "refitting the baseline")
+    search = start_search(experiment, experiment.first_prediction(), effort, pool)
+    detection = _search_where_detected(search, lambda share, text: progress(0.15 + 0.7 * share, text))
+    decision = detected(decide(search), detection)
+    progress(0.85, "what is held out")
+    unseen = worn.held_out(experiment, search, decision.after)
+    decision = held_to(decision, unseen, len(groups_of(experiment.measurement)))
+    left = remainder(search, decision)
+    return diagnosed(
+        recording, decision, detection, parameters=estimates(search, decision.after), held_out=unseen, remainder=left,
+        warnings=tuple(map(str, recording.notes)), **next_and_visible(search, decision, worn.NEXT),
+        **worn.told(experiment, search, decision, left))
+
+
+def next_and_visible(search: Search, decision: Decision, beyond: str) -> dict[str, Any]:
+    """Return what to measure next, `beyond` where nothing of the catalogue is named, and what would have been seen."""
+    unknown, none = (decision.verdict is one for one in (Verdict.UNKNOWN, Verdict.NONE))
+    return {"separating_measurement": beyond if unknown else separating(decision.rivals or [()]),
+            "smallest_visible": smallest_visible(search) if none else {}}
 
 
 def _search_where_detected(search: Search, progress: Progress) -> Detection:
@@ -258,12 +279,11 @@ def estimates(search: Search, names: Names) -> tuple[Estimate, ...]:
     return tuple(replace(one, name=one.name.replace("baseline.", "structure.")) for one in made)
 
 
-def beyond_stated(recording: StructureRecording | WornRecording, made: Iterable[Estimate]) -> list[str]:
+def beyond_stated(recording: StructureRecording, made: Iterable[Estimate]) -> list[str]:
     """Return a warning for each value that lies beyond the range that the recording gives it."""
-    stated = recording.unknown if isinstance(recording, StructureRecording) else {}
     notes = []
     for one in made:
-        low, high = stated.get(one.name.removeprefix("structure."), (-np.inf, np.inf))
+        low, high = recording.unknown.get(one.name.removeprefix("structure."), (-np.inf, np.inf))
         if not low <= one.value <= high:
             value, low_end, high_end = (pretty_quantity(v, one.unit, 3) for v in (one.value, low, high))
             notes.append(f"{one.name} = {value} lies beyond the stated {low_end} to {high_end}")

@@ -25,7 +25,7 @@ def told(experiment: ProfileExperiment, search: Search, decision: Decision, left
     location = _locate(search, decision)
     return {"location": location, "sentence": _sentence(decision, search, left, location.text),
             "curves": _curves(experiment, search, decision.after),
-            "notes": (*map(str, experiment.recording.notes), *_areas(experiment, search, decision.after))}
+            "notes": tuple(_areas(experiment, search, decision.after))}
 
 
 def _sentence(decision: Decision, search: Search, left: Remainder, where: str) -> str:

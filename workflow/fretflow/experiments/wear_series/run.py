@@ -99,7 +99,8 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress,
         separating_measurement=words.next_measurement(decision.sets, data, powers, [one.law for one in rivals], law),
         residual_law=law, wear_tests=view,
         smallest_visible=smallest_visible(search) if none else {},
-        notes=(*words.warnings(data, view), *_of_law(search, fit, powers, rivals, parameters)),
+        warnings=tuple(words.warnings(data)),
+        notes=(*words.notes(data, view), *_of_law(search, fit, powers, rivals, parameters)),
         case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "")
 
 

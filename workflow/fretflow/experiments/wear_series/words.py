@@ -60,18 +60,22 @@ def together(data: WearData) -> tuple[tuple[str, str], ...]:
                  if 1.0 - float(np.corrcoef(logs[one], logs[other])[0, 1])**2 < 4.0 / data.tests.count)
 
 
-def warnings(data: WearData, view: WearTests) -> list[str]:
+def warnings(data: WearData) -> list[str]:
     """Return what limits any diagnosis of the tests."""
+    return [*map(str, data.series.notes), *data.notes, *(
+        f"{one} and {other} vary together in these tests, so that their powers are not known apart"
+        for one, other in together(data))]
+
+
+def notes(data: WearData, view: WearTests) -> list[str]:
+    """Return how the tests scatter, and what of them is explained."""
     tests = data.tests
     grows = {0.0: "in proportion to the volume", 1.0: "not at all with the volume"}.get(
         tests.power, f"as the power {1.0 - tests.power:g} of the volume")
-    notes = [*map(str, data.series.notes), *data.notes,
-             f"scatter: {data.sd / tests.scale:.2g} of the volume at {1e9 * tests.scale:.3g} mm³, growing {grows}; "
-             f"from {data.sd_from}",
-             f"one coefficient gives R² = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
-             f"{view.r2_after:.2f}"]
-    return notes + [f"{one} and {other} vary together in these tests, so that their powers are not known apart"
-                    for one, other in together(data)]
+    return [f"scatter: {data.sd / tests.scale:.2g} of the volume at {1e9 * tests.scale:.3g} mm³, growing {grows}; "
+            f"from {data.sd_from}",
+            f"one coefficient gives R² = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
+            f"{view.r2_after:.2f}"]
 
 
 def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[str], made: Sequence[Estimate]) -> str:
