@@ -141,7 +141,6 @@ def test_coulomb_friction_and_an_offset_of_a_body_have_intervals_that_hold():
         if one.name in true:
             assert one.low - 0.005 * abs(one.value) < true[one.name] < one.high + 0.005 * abs(one.value)
             assert one.high - one.low < 0.3 * abs(one.value)
-    assert "[effects.coulomb-friction]" in diagnosis.case_file
 
 
 def loops(force_of, samples=200, counts=5, repeats=3):

@@ -150,13 +150,6 @@ def tables(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
             for effect in sorted(effects, key=lambda effect: effect.id)}
 
 
-def table_lines(effects: Iterable[Effect]) -> list[str]:
-    """Return `effects` as lines of a case file, an empty one before each table."""
-    return [line for effect in sorted(effects, key=lambda effect: effect.id) for line in (
-        "", f"[effects.{effect.id}]",
-        *(f"{entry.key} = {entry.toml}" for entry in entries(effect) if entry.value is not None))]
-
-
 @cache
 def _collect(folders: str) -> Mapping[str, type[Effect]]:
     effects: dict[str, type[Effect]] = {}

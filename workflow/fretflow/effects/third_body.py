@@ -171,8 +171,7 @@ class ThirdBody(Effect):
 
         own = LawParameter("separating_volume", "m^3", "V_0 = A h_0 / phi: worn volume at which wear has fallen to 1/e",
                            0.1 * float(np.average(tests.volume, weights=tests.weight)), float(tests.volume.max()))
-        needs = "A h_0 / phi = {separating_volume:.6g} m^3; with the area A this gives separating_thickness = h_0"
-        return (VolumeLaw(cls.id, (own,), worn, needs=needs, of_volume=True),)
+        return (VolumeLaw(cls.id, (own,), worn, of_volume=True),)
 
     def period(self, problem: PeriodicProblem, slow: SlowState) -> PeriodicProblem:
         """Put the layer between the faces."""

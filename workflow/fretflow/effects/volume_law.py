@@ -51,7 +51,5 @@ class VolumeLaw:
     effect: str
     parameters: tuple[LawParameter, ...]
     wear: Callable[[Array, Mapping[str, Array], Array], Array]  # volumes without it (n,), states, values (p,): (n,)
-    in_case: Callable[[Mapping[str, float]], Mapping[str, float]] = dict  # the effect's parameters in a case file
-    needs: str = ""  # what a case file needs besides, in words; it then holds no parameters
     powers: tuple[str, ...] = ()
     of_volume: bool = False  # whether it follows the worn volume itself: it then acts after the others

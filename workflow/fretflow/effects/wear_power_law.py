@@ -64,18 +64,12 @@ class WearPowerLaw(Effect):
     def _law(cls, names: tuple[str, ...], tests: WornTests) -> VolumeLaw:
         at = {name: tests.middle(name) for name in tests.states if name in LETTERS}
 
-        def in_case(values: Mapping[str, float]) -> Mapping[str, float]:
-            powers = {f"{one}_exponent": values.get("power_density_exponent", values.get(f"{one}_exponent", 0.0))
-                      for one in (PRESSURE, SLIDING, FREQUENCY)}
-            references = {f"reference_{name}": float(f"{x:.6g}") for name, x in at.items() if name != POWER}
-            return powers | references
-
         def worn(plain: Array, states: Mapping[str, Array], values: Array) -> Array:
             return np.asarray(plain * product_of_powers(states, at, dict(zip(names, values, strict=True))))
 
         made = [LawParameter(f"{name.replace(' ', '_')}_exponent", "1", f"{LETTERS[name]}: of the {name}", -1.0, 1.0,
                              logarithmic=False) for name in names]  # from one over the state to proportional to it
-        return VolumeLaw(cls.id, tuple(made), worn, in_case, powers=names)
+        return VolumeLaw(cls.id, tuple(made), worn, powers=names)
 
     def sketch(self) -> Sketch:
         """Return each power against its quantity."""

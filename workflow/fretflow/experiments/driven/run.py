@@ -18,7 +18,6 @@ from fretflow.experiments.driven.experiment import DrivenExperiment
 from fretflow.experiments.driven.location import detect, locate, residual_law
 from fretflow.experiments.driven.noise import effective, measured_noise, white_noise
 from fretflow.experiments.driven.views import (
-    case_text,
     comparisons,
     evolved,
     next_measurement,
@@ -60,7 +59,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress,
     progress(0.9, "parameters and pictures")
     experiment, fit = search.experiment, search.fits[decision.after]
     before, after = (experiment.force(one) for one in (search.baseline, fit))
-    noise, named = experiment.noise, decision.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS)
+    noise = experiment.noise
     block = blocks_of(decision.effects) or ("rig" if data.kind is LUMPED else "contact law")
     location = locate(data, noise, data.force - before, "" if decision.verdict is Verdict.NONE else block)
     law = residual_law(data, noise, data.force - before) if decision.verdict is Verdict.UNKNOWN else None
@@ -78,8 +77,7 @@ def diagnose_driven(recording: Recording, fast: bool, progress: Progress,
         comparisons=comparisons(data, before, after), evolution=readings,
         residual_maps=residual_maps(data, noise, before, after),
         warnings=(*_warnings(recording, data), *implausible(made), *two_stiffnesses(readings, made)),
-        notes=_notes(data, experiment),
-        case_file=case_text(recording.title, experiment.joint(fit.prediction.point)) if named else "")
+        notes=_notes(data, experiment))
 
 
 def searched(data: DrivenData, fast: bool, progress: Progress) -> DrivenSearch:

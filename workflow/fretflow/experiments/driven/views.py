@@ -1,4 +1,4 @@
-"""What is drawn and said of a driven joint: its cycles, where they differ, what to measure next, and its case."""
+"""What is drawn and said of a driven joint: its cycles, where they differ, what to measure next."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fretflow.case.casefile import entries
 from fretflow.core.records import Array
-from fretflow.effects.catalogue import table_lines
-from fretflow.effects.driven import DrivenJoint
 from fretflow.experiments.driven.data import LEAST_OF_CYCLE, DrivenData
 from fretflow.experiments.driven.noise import Noise
 from fretflow.experiments.loops import MOST_SHOWN, evolution
@@ -92,14 +89,3 @@ def next_measurement(law: ResidualLaw) -> str:
     """Return what to measure where nothing of the catalogue fits."""
     return (f"Records at other amplitudes and frequencies, to see whether what is left still follows the {law.state}, "
             "and at another normal load, to see whether it belongs to the friction.")
-
-
-def case_text(title: str, joint: DrivenJoint) -> str:
-    """Return the effects as tables of a case file, the baseline's own parameters as comments."""
-    lines = [f"# {line}" for line in (
-        "The effects that the diagnosis named, as tables of a case file; the parameters are those of the fit.",
-        "This documents the model of a joint that a measured motion drives: it holds no rig, specimens or mesh, so",
-        "that `fretflow run` needs these tables in a whole case.", f"recording: {title}".replace("\n", " "))]
-    lines += [f"# baseline {entry.key} = {entry.value:.6g} {entry.unit}" for entry in entries(joint.baseline)
-              if isinstance(entry.value, float)]
-    return "\n".join([*lines, *table_lines(joint.effects)]) + "\n"

@@ -100,8 +100,7 @@ def diagnose_wear_series(series: WearSeries, fast: bool, progress: Progress,
         residual_law=law, wear_tests=view,
         smallest_visible=smallest_visible(search) if none else {},
         warnings=tuple(words.warnings(data)),
-        notes=(*words.notes(data, view), *_of_law(search, fit, powers, rivals, parameters)),
-        case_file=words.case_text(series.title, experiment, decision.after, parameters) if decision.effects else "")
+        notes=(*words.notes(data, view), *_of_law(search, fit, powers, rivals, parameters)))
 
 
 def left_to_chance(decision: Decision, p: float) -> Decision:

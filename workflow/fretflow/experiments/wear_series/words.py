@@ -1,17 +1,15 @@
-"""What is said of a wear series' diagnosis: what to measure next, warnings, the case with the effects."""
+"""What is said of a wear series' diagnosis: what to measure next, warnings, notes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
-from fretflow.effects.catalogue import catalogue, table_lines
 from fretflow.effects.volume_law import FREQUENCY, PRESSURE, SLIDING, VolumeLaw
 from fretflow.experiments.wear_series.data import WearData
-from fretflow.experiments.wear_series.experiment import WearSeriesExperiment
-from fretflow.inference.verdict import Estimate, ResidualLaw, WearTests
+from fretflow.inference.verdict import ResidualLaw, WearTests
 from fretflow.inference.words import listed, separating
 
 
@@ -76,22 +74,3 @@ def notes(data: WearData, view: WearTests) -> list[str]:
             f"from {data.sd_from}",
             f"one coefficient gives R² = {view.r2_before:.2f} of the worn volumes, the model of the verdict "
             f"{view.r2_after:.2f}"]
-
-
-def case_text(title: str, experiment: WearSeriesExperiment, effects: Iterable[str], made: Sequence[Estimate]) -> str:
-    """Return the effects as tables of a case file; what a case needs beyond the tests stands in comments."""
-    values = {one.name: one.value for one in made}
-    lines = [f"# {line}" for line in (
-        "The effects that the diagnosis named, as tables of a case file; the parameters are those of the fit.",
-        "A wear series holds no rig, specimens or mesh: `fretflow run` needs these tables in a whole case.",
-        f"recording: {title}".replace("\n", " "),
-        f"{made[0].name} = {made[0].value:.6g} {made[0].unit}: {made[0].meaning}")]
-    tabled = []
-    for name in sorted(effects):
-        law = experiment.forms[name]
-        own = {one.name: float(f"{values[f'{name}.{one.name}']:.6g}") for one in law.parameters}
-        if law.needs:
-            lines += [f"# {name}: {law.needs.format(**own)}"]
-        else:
-            tabled.append(catalogue()[name]().changed(**law.in_case(own)))
-    return "\n".join([*lines, *table_lines(tabled)]) + "\n"
