@@ -296,7 +296,7 @@ def test_those_that_explain_most_are_bases_beside_those_that_are_most_probable()
     left = {frozenset(): 95.0} | dict(zip(names, (90.0, 80.0, 70.0, 20.0, 30.0, 99.0), strict=True))
     search = SimpleNamespace(
         best=lambda size: sorted(names, key=lambda one: -worth[one]), leaves_noise=lambda own: False, effort=FAST,
-        sign=lambda sets: None, log_evidence=worth.__getitem__, chi_squared=left.__getitem__,
+        compute_signatures=lambda sets: None, log_evidence=worth.__getitem__, chi_squared=left.__getitem__,
         promising=lambda sets: sets)
     assert leading(cast(Search, search)) == [names[0], names[1], names[5], names[3], names[4]]
 
@@ -308,7 +308,7 @@ def test_further_partners_follow_where_no_pair_leaves_noise(
     one, other, pair = frozenset({"viscous"}), frozenset({"backlash"}), frozenset({"viscous", "scar-edge"})
     worth, calls = {one: -40.0, other: -30.0, pair: -20.0}, []
     search = SimpleNamespace(
-        experiment=SimpleNamespace(candidates=tuple), sign=lambda sets: None, fits=worth,
+        experiment=SimpleNamespace(candidates=tuple), compute_signatures=lambda sets: None, fits=worth,
         fitter_of=lambda names: None, best=lambda size: [pair] if size == 2 else [],
         pool=lambda function, tasks: [{} for _ in tasks], keep=lambda fits: None, effort=FAST,
         promising=lambda sets: sets, log_evidence=worth.__getitem__, leaves_noise=lambda names: noise)
@@ -508,9 +508,9 @@ def test_an_effect_without_which_there_is_no_solution_shows_by_what_the_others_e
     search: Any = SimpleNamespace(fits=fits, _signatures={}, fitter_of=lambda names: None,
                                   pool=lambda function, tasks: [np.full(3, 4.0) if "viscous" not in task.point.neutral
                                                                 else None for task in tasks])
-    Search.sign(search, [names])
+    Search.compute_signatures(search, [names])
     assert np.array_equal(search._signatures[names][1], np.column_stack([np.full(3, 1.0), np.full(3, 3.0)]))
     del fits[alone]
     search._signatures = {}
-    Search.sign(search, [names])
+    Search.compute_signatures(search, [names])
     assert np.array_equal(search._signatures[names][1][:, 1], np.zeros(3))

@@ -38,7 +38,7 @@ def correct(search: Search, of: Sequence[int]) -> None:
             search.fitters[names], search.fits[names] = own
         if frozenset() in put_right:
             correct_beside_baseline(search)
-        search.sign(put_right)
+        search.compute_signatures(put_right)
         again = [names for names in put_right if search.log_evidence(names) > -NEGLIGIBLE + max(
             search.log_evidence(one) for one in put_right if len(one) == len(names))]
         for names, fit in zip(again, search.pool(fit_task, [search.allowing(one) for one in again]), strict=True):

@@ -86,7 +86,7 @@ def posterior(search: Search) -> Posterior:
     pairs = search.promising(search.best(2)) if singles else []
     singles += [names for names in search.best(1) if names not in singles
                 and any(_plainer(names, one) for one in (*singles, *pairs))]
-    search.sign([*singles, *pairs])
+    search.compute_signatures([*singles, *pairs])
     weight: dict[Names, float] = {frozenset(): search.log_evidence(frozenset())}
     errors = {size: left_out(search.starts, size, count) for size in (1, 2)}
     like: dict[Names, float] = {}  # what an unlisted effect may be like, and the evidence for that

@@ -248,11 +248,11 @@ class Search:
         """
         if not names:
             return np.zeros((len(self.experiment.measurement.values), 0))
-        self.sign([names])
+        self.compute_signatures([names])
         own = self._signatures[names][1]
         return own if of is None else own[:, [place for place, one in enumerate(sorted(names)) if one in of]]
 
-    def sign(self, sets: Iterable[Names]) -> None:
+    def compute_signatures(self, sets: Iterable[Names]) -> None:
         """Predict some sets with each of their effects out of work.
 
         Where that has no solution, what the others explain alone takes its place, if they were fitted.

@@ -94,7 +94,7 @@ def leading(search: Search) -> list[Names]:
     if any(map(search.leaves_noise, first)):
         return search.promising(first)[:search.effort.bases]
     every = search.best(1)[:2 * search.effort.bases]
-    search.sign([*first, *every])
+    search.compute_signatures([*first, *every])
     probable = [one for sets in (first, every)
                 for one in sorted(sets, key=lambda names: -search.log_evidence(names))[:search.effort.bases]]
     return list(dict.fromkeys([*probable, *sorted(singles, key=search.chi_squared)[:search.effort.bases]]))
@@ -105,7 +105,7 @@ def seek_partners(search: Search, bases: Sequence[Names]) -> None:
 
     Where none leaves noise alone, those follow that promise next beside the most probable and would be more probable.
     """
-    search.sign(bases)
+    search.compute_signatures(bases)
     laid = dict(zip(bases, beginnings_beside(search, [(search.fitter_of(one), search.fits[one]) for one in bases]),
                     strict=True))
     fit_pairs(search, [task for one in bases for task in beside(search, one, laid[one].values())])
