@@ -44,9 +44,13 @@ def run(spring_slider):
                            channels={cycles: signals(own) for cycles, own in periods.items()})
 
 
+def exported(run, folder, noise=0.0):
+    return export_recording(run.case, run, run.channels, folder, noise)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
-    files = export_recording(run, tmp_path / "a", noise)
+    files = exported(run, tmp_path / "a", noise)
     assert [file.name for file in files] == ["recording.toml", "loops.csv", "wear_depth.csv"]
     recording = read_joint_recording(tmp_path / "a")
     assert recording.title == 'of "mine"'
@@ -69,7 +73,7 @@ def test_what_is_read_is_what_was_run(run, exact, tmp_path, noise):
 
 
 def test_a_run_and_its_recording_stand_over_one_phase(run, tmp_path, monkeypatch):
-    export_recording(run, tmp_path / "a")
+    exported(run, tmp_path / "a")
     for period in run.periods.values():
         period.displacement = period.upper_observation[:, None]
     monkeypatch.setattr(RunResults, "periods", run.periods)
@@ -81,11 +85,11 @@ def test_a_run_and_its_recording_stand_over_one_phase(run, tmp_path, monkeypatch
 
 
 def test_a_run_that_cannot_be_one_is_refused(run, tmp_path, capsys, monkeypatch):
-    export_recording(run, tmp_path)
+    exported(run, tmp_path)
     with pytest.raises(InputError, match="exists and is left as it is"):
-        export_recording(run, tmp_path)
+        exported(run, tmp_path)
     with pytest.raises(InputError, match="share from 0 to below 1"):
-        export_recording(run, tmp_path / "b", float("nan"))
+        exported(run, tmp_path / "b", float("nan"))
     monkeypatch.chdir(tmp_path)
     assert cli.execute(["export", "nothing"]) == 2
     assert "holds no run" in capsys.readouterr().err

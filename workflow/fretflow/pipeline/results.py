@@ -172,7 +172,7 @@ class RunResults(RunRecords):
         """Write loops and wear as a recording in `folder`, and return its files; see `pipeline.exported`."""
         from fretflow.pipeline.exported import export_recording
 
-        return export_recording(self, Path(folder), noise)
+        return export_recording(self.case, self, self.channels, Path(folder), noise)
 
     def plot(self) -> Any:
         """Return a `matplotlib.figure.Figure`: loops, the contact's last map, worn volume and responses."""
