@@ -185,6 +185,11 @@ def test_a_file_that_is_not_there_sets_nothing_up(world):
     assert err == "fretflow: examples/quick.tom.toml: there is no such file\n"
 
 
+def test_a_case_that_is_to_be_written_need_not_be_there(world):
+    code, out, _ = world.run("init", "mine.toml")
+    assert (code, out.splitlines()[1:]) == (0, ["init", "mine.toml"])
+
+
 def test_help_on_the_site_makes_none(world):
     world.run("docs")
     code, out, err = world.run("docs", "--help")

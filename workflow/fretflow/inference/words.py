@@ -34,8 +34,6 @@ PROBABILITY_OF = {
     Verdict.NONE: "that nothing is missing", Verdict.NAMED: "that this acts, alone or beside others",
     Verdict.AMBIGUOUS: "of the set, taken together", Verdict.UNKNOWN: "that it is something the catalogue lacks",
 }
-
-
 UNLISTED = "something that the catalogue lacks"
 
 

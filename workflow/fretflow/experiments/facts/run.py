@@ -133,11 +133,12 @@ def told(recording: FactsRecording, case: Case, search: FactsSearch, decision: D
                           where=listed_misses(search, after))
     location = locate(search, decision)
     unlisted = decision.verdict is Verdict.UNKNOWN
-    warnings = [*map(str, recording.notes), *unfinished({names for names in (frozenset[str](), decision.after)
-                             if not search.fits[names].converged}), *at_bounds(after.parameters, after.z)]
+    warnings = (*map(str, recording.notes), *unfinished({
+        names for names in (frozenset[str](), decision.after) if not search.fits[names].converged}),
+        *at_bounds(after.parameters, after.z))
     return diagnosed(
         recording, decision, detection, sentence=sentence(decision, remainder, location), location=location,
-        parameters=made, held_out=held_out(search, base, after), remainder=remainder, warnings=tuple(warnings),
+        parameters=made, held_out=held_out(search, base, after), remainder=remainder, warnings=warnings,
         separating_measurement=NEXT if unlisted else separating(decision.rivals or [()]),
         smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
         notes=tuple(comparisons(search, base, after)),
