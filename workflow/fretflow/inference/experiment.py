@@ -182,6 +182,10 @@ class Experiment(Protocol):
         """Return the same with smaller numerical errors, for fits that these bring to a halt; None if there is none."""
         return None
 
+    def as_recorded(self, prediction: Prediction) -> Array:
+        """Return predicted values (M,) with the errors in them that the recording tells of what is not fitted."""
+        return prediction.values
+
     def corrected(self, prediction: Prediction) -> Experiment | None:
         """Return the same with its numerical errors at a prediction put right; None where nothing finer tells them."""
         return None

@@ -7,12 +7,13 @@ about where it stands, is below the best one's by `NEGLIGIBLE` holds no share of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.progress import Progress
 from fretflow.inference.beginnings import (
     Beginning,
     begin_task,
@@ -32,8 +33,6 @@ from fretflow.inference.experiment import Experiment, Prediction
 from fretflow.inference.least_squares import Fit, Fitter
 from fretflow.inference.parameters import Array, is_bent
 from fretflow.inference.search import NEGLIGIBLE, Effort, Names, Pool, Search, Task, fit_task, has_moved
-
-Progress = Callable[[float, str], None]
 
 
 def start_search(experiment: Experiment, first: Prediction, effort: Effort, pool: Pool) -> Search:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.kernels.static import SEPARATION, SLIP
 from fretflow.core.errors import ConfigError, InputError
 from fretflow.core.plugins import FIGURES, MESHES, provided
+from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.core.store import write_csv
 from fretflow.effects.bolted_cycle import BoltedCycle, numbered_mode
@@ -135,7 +136,7 @@ def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodi
                 forces: Sequence[float] = (), drive: str = "", wear: tuple[Archard, float, int] | None = None,
                 measured: Array | None = None, mesh: Path | None = None, mesh_unit: float = 1.0,
                 bolts: Sequence[Bolt] = (), title: str = "Bolted joint",
-                progress: Callable[[float, str], None] | None = None) -> JointStudy:
+                progress: Progress | None = None) -> JointStudy:
     """Find backbone, periodic motions, forced responses and wear of one mode of a bolted joint.
 
     Parameters
@@ -199,7 +200,7 @@ def _untold(share: float, text: str) -> None:
     """Tell nobody of the progress."""
 
 
-def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], None] | None = None) -> JointStudy:
+def run_bolted(case: BoltedCase, out: Path, progress: Progress | None = None) -> JointStudy:
     """Run a case of a bolted structure and keep its figures, curves and pictures in ``out/<name>``.
 
     Raises
@@ -216,7 +217,7 @@ def run_bolted(case: BoltedCase, out: Path, progress: Callable[[float, str], Non
     return study
 
 
-def _study_case(case: BoltedCase, home: Path, progress: Callable[[float, str], None] | None) -> JointStudy:
+def _study_case(case: BoltedCase, home: Path, progress: Progress | None) -> JointStudy:
     """Return the study of a case, the mesh of a lap beam made in `home`."""
     from fretflow.recordings.readers.tables import read_table
 

@@ -100,8 +100,7 @@ def _loops(channels: Mapping[int, Signals], noise: float) -> dict[str, Any]:
             x_noise, force_noise = (0.5 * noise * np.ptp(one) * rng.standard_normal(len(one)) for one in (x, force))
             parts.append(np.column_stack([
                 np.full(len(x), cycles), np.full(len(x), repeat), seen.step * np.arange(len(x)),
-                np.asarray(seen.excitation),
-                1e6 * (x + x_noise), force + force_noise]))
+                np.asarray(seen.excitation), 1e6 * (x + x_noise), force + force_noise]))
     rows = np.concatenate(parts)
     names = ("cycle", "repeat", "time_s", *(heading for heading, _ in CHANNELS.values()))
     return {name: rows[:, k].astype(int) if k < 2 else rows[:, k] for k, name in enumerate(names)}

@@ -13,6 +13,7 @@ from scipy.special import expit, softmax
 from scipy.stats import chi2
 
 from fretflow.core.errors import NonConvergenceError
+from fretflow.core.progress import Progress
 from fretflow.core.units import pretty_quantity
 from fretflow.effects.catalogue import described
 from fretflow.experiments.independent import in_turn
@@ -28,7 +29,7 @@ from fretflow.inference.experiment import Point
 from fretflow.inference.parameters import HALF
 from fretflow.inference.posterior import Posterior, Weighed, averaged, posterior
 from fretflow.inference.search import FAST, FULL, Effort, Names, Pool, Search, Task, fit_task
-from fretflow.inference.strategy import Progress, allow_for_chance, begin_all, run_search, start_search
+from fretflow.inference.strategy import allow_for_chance, begin_all, run_search, start_search
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, Diagnosis, Estimate, Remainder, Verdict
 from fretflow.inference.words import separating
 from fretflow.recordings.kinds.structures import StructureRecording, WornRecording
@@ -293,8 +294,7 @@ def beyond_stated(recording: StructureRecording, made: Iterable[Estimate]) -> li
 def remainder(search: Search, decision: Decision) -> Remainder:
     """Return what the model of the verdict leaves, and the channel where it leaves most."""
     own = search.experiment.measurement
-    fit, made = search.fits[decision.after], search.experiment
-    values = made.as_recorded(fit.prediction) if isinstance(made, StructureExperiment) else fit.predicted
+    values = search.experiment.as_recorded(search.fits[decision.after].prediction)
     square = np.square(own.values - values) / own.variance
     shares = [float(square[own.channel == k].sum()) for k in range(len(own.channels))]
     return Remainder(share=share_left(search, decision),
