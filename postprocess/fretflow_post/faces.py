@@ -175,7 +175,8 @@ def plot_wear_shape(path: Path, nodes: NDArray[np.float64], areas: NDArray[np.fl
                 own.set_ylabel("")
         bar = figure.add_axes(inches(14.65, side + 2.65, 0.23, side, height))
         ticks = [float(t) for t in np.linspace(1.0 - limit, 1.0 + limit, 5)]
-        style.add_colour_bar(figure, bar, style.SHAPE_MAP, ticks, "depth over mean depth")
+        style.add_colour_bar(figure, bar, style.SHAPE_MAP, ticks, "depth over mean depth",
+                             beyond=max(float(shape.max()) for shape in shapes) > 1.0 + limit)
         return style.save_figure(figure, path)
 
 

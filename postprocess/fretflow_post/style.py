@@ -140,13 +140,13 @@ def root_ticks(top: float) -> list[float]:
 
 
 def add_colour_bar(figure: Figure, axes: Axes, name: str, ticks: list[float], label: str,
-                   exponent: float = 1.0) -> Colorbar:
+                   exponent: float = 1.0, beyond: bool = False) -> Colorbar:
     """Fill `axes` with the colour bar of map `name` from the first to the last of `ticks`.
 
-    Colours follow the values to the power `exponent`.
+    Colours follow the values to the power `exponent`; the bar ends in an arrow where some are `beyond` the last tick.
     """
     scale = matplotlib.cm.ScalarMappable(PowerNorm(exponent, ticks[0], ticks[-1]), colour_map(name))
-    bar = figure.colorbar(scale, cax=axes, ticks=ticks)
+    bar = figure.colorbar(scale, cax=axes, ticks=ticks, extend="max" if beyond else "neither")
     bar.ax.minorticks_off()
     bar.set_label(label, fontsize=16, labelpad=10)
     bar.ax.grid(False)

@@ -171,6 +171,12 @@ def test_help_alone_sets_nothing_up(world, arguments):
     assert not (world.clone / ".venv").exists()
 
 
+def test_the_version_sets_nothing_up(world):
+    (world.clone / "pyproject.toml").write_text('[project]\nname = "fretflow"\nversion = "1.2.3"\n')
+    assert world.run("--version") == (0, "1.2.3\n", "")
+    assert world.journal() == []
+
+
 @pytest.mark.parametrize("arguments", [("diagnoze", "--help"), ("runs/test1",)])
 def test_an_unknown_command_sets_nothing_up(world, arguments):
     code, out, err = world.run(*arguments)

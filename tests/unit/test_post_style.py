@@ -117,3 +117,11 @@ def test_a_variable_names_the_formats_of_all_pictures(tmp_path, monkeypatch):
     monkeypatch.setenv("FRETFLOW_FORMATS", "svg, bmp")
     with pytest.raises(InputError, match="FRETFLOW_FORMATS: 'bmp' is none of png, svg, pdf"):
         style.save_figure(figure, tmp_path / "a.png")
+
+
+def test_a_colour_bar_ends_in_an_arrow_where_values_go_on():
+    with style.styled():
+        figure = style.new_figure("shape", "", height=6.0)
+        bars = [style.add_colour_bar(figure, figure.add_axes((left, 0.1, 0.02, 0.6)), style.SHAPE_MAP, [0.0, 1.0, 2.0],
+                                     "over mean", beyond=beyond) for left, beyond in ((0.2, False), (0.6, True))]
+    assert [bar.extend for bar in bars] == ["neither", "max"]

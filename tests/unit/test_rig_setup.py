@@ -283,13 +283,13 @@ def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> Non
     correction, _ = errors_of(seen, finer, plain, plain, DENSER)
     assert correction[2:] == pytest.approx(finer[2:])
     assert np.all(correction[:2] > finer[:2])
-    variance, modes = depth_error(seen, finer, plain)
+    variance, modes = depth_error(seen, plain, finer)
     every = variance + np.sum(modes**2, axis=1)
     assert every[:2] == pytest.approx(0.0)
     assert every[2] == pytest.approx(every[3])
     assert 1.0 < np.sqrt(every[2]) < 3.0
     seen = SimpleNamespace(rows=lambda block: np.zeros(4, dtype=bool), points=np.zeros((0, 2)))  # no face was measured
-    variance, modes = depth_error(seen, finer, plain)
+    variance, modes = depth_error(seen, plain, finer)
     assert not variance.any()
     assert modes.shape == (4, 0)
 
@@ -301,7 +301,7 @@ def test_an_error_of_the_depths_that_is_alike_along_an_edge_is_alike_in_other_co
     seen: Any = SimpleNamespace(rows=lambda block: np.ones(80, dtype=bool), points=points)
     missed = 0.05 * np.random.default_rng(4).standard_normal((10, 8))
     missed[[0, -1]] += 1.0
-    variance, modes = depth_error(seen, missed.ravel(), np.zeros(80))
+    variance, modes = depth_error(seen, np.zeros(80), missed.ravel())
     assert np.sum(variance + np.sum(modes**2, axis=1)) == pytest.approx(np.sum(missed**2))
     errors = Covariance(variance + 1e-3, modes)
 
@@ -314,7 +314,7 @@ def test_an_error_of_the_depths_that_is_alike_along_an_edge_is_alike_in_other_co
     assert p_value(along) > 0.05
     assert p_value(over) < 1e-6
     seen.points = np.random.default_rng(5).uniform(0.0, 1e-3, (80, 2))  # scattered: a mode for all of them alone
-    variance, modes = depth_error(seen, missed.ravel(), np.zeros(80))
+    variance, modes = depth_error(seen, np.zeros(80), missed.ravel())
     assert modes.shape == (80, 1)
     assert np.sum(variance + np.sum(modes**2, axis=1)) == pytest.approx(np.sum(missed**2))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import norm
@@ -17,7 +18,7 @@ from fretflow.core.errors import FretflowError
 from fretflow.core.progress import Progress
 from fretflow.core.records import Array
 from fretflow.experiments.rig import words
-from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, simulation_of
+from fretflow.experiments.rig.experiment import BASELINE, RigExperiment, hypothesis, simulation_of
 from fretflow.experiments.rig.held_out import HeldOutPrediction, detect, held_out
 from fretflow.experiments.rig.instruments import doubts, faults
 from fretflow.experiments.rig.law import residual_law
@@ -35,7 +36,9 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     friction_from_energy,
     is_seen,
+    linear_case,
     model_of,
+    with_stiff_asperities,
     worn_as_much,
 )
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
@@ -91,7 +94,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Di
     NonConvergenceError
         If the baseline cannot be simulated.
     """
-    stage = "specimens on two meshes"
+    stage = "specimens on three meshes"
     progress(0.01, stage)
     case = case_of(recording)
     wrong = faults(recording, case)
@@ -226,7 +229,8 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
                   ) -> tuple[RigExperiment, Prediction]:
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
-    coarse, fine = tools.statics(case_of(recording, own, f"{own}-elements") for own in elements)
+    cases = [case_of(recording, own, f"{own}-elements") for own in elements]
+    coarse, fine, linear = tools.statics([*cases, linear_case(cases[0])])
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
@@ -235,8 +239,13 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
         model, first = worn_as_much(model, first)
     progress(0.08, "what the coarse mesh leaves out")
     finer, denser = model.finer(fine), model.denser()
-    predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in (finer, denser)])
+    untold = next(one.size for one in BASELINE if one.field == "compliance")
+    asked = [finer, denser, replace(model, problem=with_stiff_asperities(model.problem, untold))]
+    if observation.rows(block="map").any():
+        asked.append(model.finer(linear))
+    predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in asked])
     plainly = model.predict(first)
+    rough, codes = predicted[2] - plainly, [plainly, predicted[0], *predicted[3:]]
     if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples
         model, finer = model.twice_as_dense(), finer.twice_as_dense()
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
@@ -244,7 +253,10 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     slopes = np.nan_to_num(neighbours(model, first, [
         Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP),
         Hypothesis(damping=1.0 + STEP)]))
-    observation = observation.less_sure(*depth_error(observation, predicted[0], plainly)).scattering(slopes[:, 0])
+    observation = observation.less_sure(np.zeros(len(plainly)), rough[:, None])
+    for one, other in pairwise(codes):
+        observation = observation.less_sure(*depth_error(observation, one, other))
+    observation = observation.scattering(slopes[:, 0])
     correction, modes = errors_of(observation, predicted[0], predicted[1], plainly,
                                   denser.samples / model.samples)
     model, finer, denser = (replace(one, observation=observation) for one in (model, finer, denser))
