@@ -5,6 +5,7 @@ out of the contact, and the other code's solution is in numbers.
 """
 
 import json
+import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from fretflow.solvers.continuation.follow import continue_response
 from fretflow.solvers.continuation.system import ContinuationSystem
 from fretflow.solvers.fourier import analysis_matrix, synthesis_matrix
 from fretflow.solvers.periodic import Harmonic, NormalLoad, PeriodicProblem
-from fretflow.solvers.quasi_static.cautions import neglected_inertia
+from fretflow.solvers.quasi_static.cautions import neglected_damping, neglected_inertia
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
@@ -323,3 +324,33 @@ def test_nothing_that_moves_is_seen_by_a_contact_of_its_own():
                                             preload=NormalLoad(10.0)))
     exact = 1.0 / (1e6 - (200.0 * np.pi) ** 2)
     assert np.abs(period.output("free")).max() == pytest.approx(exact, rel=1e-9)
+
+
+def damped(damping, force=1.0, friction=1.0, load=1e4, **given):
+    """Return a mass of 1 kg on 1e6 N/m to the ground, linked by 1e6 N/m to a contact node that hardly weighs."""
+    one = np.eye(3)
+    stiffness = np.block([[2e6 * one, -1e6 * one], [-1e6 * one, 1e6 * one]])
+    joint = Joint.from_matrices(stiffness, np.diag([1.0] * 3 + [1e-9] * 3), damping, contact=[1], observe={"tip": 0},
+                                **given)
+    return PeriodicProblem(joint, Interface(np.zeros((1, 2)), np.array([1e-6]), np.zeros(1)), Coulomb(friction),
+                           Harmonic(np.sqrt(2e6) / (2.0 * np.pi), {"tip": force}), preload=NormalLoad(load))
+
+
+def test_damping_of_the_contact_that_a_massless_one_misses_is_told_by_its_share():
+    """Where the contact sticks, a mass between two dashpots as its springs: alone the one to the ground is kept."""
+    stiffness = np.array([[2e6, -1e6], [-1e6, 1e6]])
+    whole = 2e-4 * np.kron(stiffness, np.eye(3))
+    problem = damped(whole)
+    with pytest.warns(HeavyContactWarning, match='damping C of the contact.* use method="dlft"'):
+        period = solve_periodic(problem, harmonics=5, samples=64)
+    assert neglected_damping(problem, period) == pytest.approx(1.0, rel=1e-2)
+    exact = 1.0 / (problem.omega * whole[0, 0])  # at resonance of the stuck joint
+    assert np.ptp(period.output("tip")) == pytest.approx(4.0 * exact, rel=1e-3)
+    assert np.ptp(solve_periodic(problem, "dlft", harmonics=5, samples=64).output("tip")) == pytest.approx(
+        2.0 * exact, rel=1e-3)
+    ground = np.diag([200.0] * 3 + [0.0] * 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", HeavyContactWarning)
+        period = solve_periodic(damped(ground), harmonics=5, samples=64)
+        solve_periodic(damped(None, modal_damping=0.02), harmonics=5, samples=64)
+    assert neglected_damping(damped(ground), period) == pytest.approx(0.0, abs=1e-9)

@@ -19,9 +19,10 @@ from fretflow.core.errors import (
 )
 from fretflow.core.units import registry
 from fretflow.recordings.bare import Wanted, read_bare
+from fretflow.recordings.blocks import _agree
 from fretflow.recordings.channels import CHANNELS, INDICES, unit_size
 from fretflow.recordings.headings import unit_in_heading
-from fretflow.recordings.readers.tables import read_table
+from fretflow.recordings.readers.tables import Table, read_table
 from fretflow.recordings.recording import read_joint_recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, name_of
 from fretflow.recordings.series import loops_of_series
@@ -432,3 +433,25 @@ def test_results_of_exports_do_not_overwrite_each_other(tmp_path, at, name):
     for folder in ("quick/recording", "test4"):
         (tmp_path / folder).mkdir(parents=True)
     assert name_of(tmp_path / at) == name
+
+
+def test_vectors_of_one_length_are_columns_in_matlab_and_hdf5(tmp_path):
+    a, f = np.arange(1.0, 5.0), np.arange(80.0, 84.0)
+    savemat(tmp_path / "a.mat", {"a": a[:, None], "f": f, "one": 3.0, "short": a[:2]})
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"], file["f"], file["both"] = a[:, None], f[None], np.c_[a, f]
+    for name in ("a.mat", "a.h5"):
+        table = read_table(tmp_path / name, ["a", "f"])
+        assert table.column("a")[1] == pytest.approx(a)
+        assert table.column("f")[1] == pytest.approx(f)
+    with pytest.raises(UnsupportedRecordingError):
+        read_table(tmp_path / "a.mat", ["a", "short"])
+    with pytest.raises(UnsupportedRecordingError, match="'both' is no dataset of one row"):
+        read_table(tmp_path / "a.h5", ["a", "both"])
+
+
+def test_a_usual_name_that_ends_like_a_unit_states_none(tmp_path):
+    table = Table(tmp_path / "a.csv", {"F_N": np.ones(3), "x_um": np.ones(3)})
+    _agree(table, "loops", "normal_force", "F_N", "kN")
+    with pytest.raises(UnreliableRecordingError, match="says 'um' of column x_um"):
+        _agree(table, "loops", "displacement", "x_um", "mm")

@@ -107,6 +107,10 @@ def test_matlab_7_3(held, tmp_path):
     ({"M": np.zeros((0, 0))}, "M: holds nothing"),
     ({"C": -np.eye(SIZE)}, "C: is not positive definite, C[0, 0] is negative"),
     ({"M": np.array([["a"] * SIZE] * SIZE)}, "M: holds no real numbers"),
+    ({"M": 5.0}, "M: is no matrix, it has the shape ()"),
+    ({"points": np.zeros((3, 2))}, "points: has the shape (3, 2)"),
+    ({"C": None, "C.data": np.ones(2), "C.indices": np.zeros(3, int), "C.indptr": np.zeros(3, int), "C.shape": (8, 8)},
+     "C: is no whole sparse matrix"),
 ])
 def test_bad_arrays_are_named(held, tmp_path, change, words):
     held.update(change)
@@ -114,6 +118,38 @@ def test_bad_arrays_are_named(held, tmp_path, change, words):
     with pytest.raises(InputError) as caught:
         read_structure(tmp_path / "a.npz")
     assert str(caught.value).startswith(f"{tmp_path / 'a.npz'}: {words}")
+
+
+def test_a_variable_that_differs_by_its_case_is_another_one(held, tmp_path):
+    np.savez(tmp_path / "a.npz", **held, m=np.array(2), k=np.array(1.0), **{"outputs/tip": TIP})
+    check(read_structure(tmp_path / "a.npz"), held)
+    lower = {name.lower(): value for name, value in held.items()}
+    np.savez(tmp_path / "b.npz", **lower, **{"outputs/tip": TIP})
+    check(read_structure(tmp_path / "b.npz"), held)
+
+
+def test_matlab_7_3_with_a_sparse_row_of_one_entry_and_an_empty_matrix(held, tmp_path):
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
+        for name, value in held.items():
+            file[name] = np.atleast_2d(value).T
+        tip, empty = file.create_group("outputs/tip"), file.create_group("C")
+        tip.attrs["MATLAB_sparse"], empty.attrs["MATLAB_sparse"] = np.uint64(1), np.uint64(SIZE)
+        row = sparse.csc_matrix(TIP[None])
+        tip["data"], tip["ir"], tip["jc"] = row.data, row.indices, row.indptr
+        empty["jc"] = np.zeros(SIZE + 1, dtype=np.uint64)
+    with (tmp_path / "a.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    structure = read_structure(tmp_path / "a.mat")
+    check(structure, held)
+    assert structure.damping.nnz == 0
+
+
+def test_modal_damping_in_per_cent_is_a_ratio(held, tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, value in {**held, "modal_damping": 1.0, "outputs/tip": TIP}.items():
+            file[name] = value
+        file["modal_damping"].attrs["unit"] = "%"
+    check(read_structure(tmp_path / "a.h5"), held)
 
 
 def test_wrong_units_missing_damaged_and_pickled_files_are_refused(held, tmp_path):

@@ -11,12 +11,14 @@ import pytest
 from fretflow.core.errors import FretflowError
 from fretflow.experiments.structure.backbone import outside_of_mode
 from fretflow.experiments.structure.experiment import StructureExperiment
-from fretflow.experiments.structure.points import BackbonePoints, weights_of
+from fretflow.experiments.structure.points import BackbonePoints, above_noise, weights_of
+from fretflow.experiments.structure.responses import in_order, oscillator, resonance
 from fretflow.experiments.structure.run import beyond_stated
 from fretflow.inference.evidence import code_size, size_prior
 from fretflow.inference.verdict import Estimate
 from fretflow.recordings.kinds.structure_sections import Control
-from fretflow.recordings.kinds.structures import read_structure_recording
+from fretflow.recordings.kinds.structures import ControlledResponse, read_structure_recording
+from fretflow.solvers.nonlinear_modes.ring_down import instantaneous_mode
 from scipy.linalg import block_diag
 
 TOML = """
@@ -330,3 +332,83 @@ def test_a_value_beyond_what_the_recording_states_is_told(folder):
             Estimate(name="contact-stiffness.exponent", value=0.3, low=0.2, high=0.4, unit="1")]
     assert beyond_stated(read_structure_recording(folder()), made) == [
         "structure.bolt_load = 50 kN lies beyond the stated 2 kN to 20 kN"]
+
+
+def test_damping_in_per_cent_without_its_unit_is_told_where_the_rest_of_the_damping_is_known(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('column = "zeta", unit = "%"', 'column = "zeta"').replace(
+        'modal_damping = { low = 1e-4, high = "1 %" }', "").replace("[structure.unknown]", "modal_damping = 5e-4\n"
+                                                                    "[structure.unknown]")
+    with pytest.raises(FretflowError, match=r'backbone.damping.unit: is required.* write "%"'):
+        read_structure_recording(folder(text))
+
+
+@pytest.mark.parametrize("sd", ["0.01", '"0.01"', '"0.01 %"'])
+def test_the_sd_of_a_column_in_per_cent_is_in_per_cent(folder, sd):
+    text = TOML.format(of="tip", unit="m/s^2").replace('"zeta", unit = "%"', f'"zeta", unit = "%", sd = {sd}')
+    assert read_structure_recording(folder(text)).backbone.damping_sd == pytest.approx(1e-4)
+
+
+@pytest.mark.parametrize(("heading", "refused"), [
+    ("zeta 1", False), ("zeta_1", False), ("zeta [1]", True), ("zeta (%)", False)])
+def test_the_end_of_a_heading_is_a_unit_where_it_is_set_apart(folder, heading, refused):
+    text = TOML.format(of="tip", unit="m/s^2").replace('"zeta"', f'"{heading}"')
+    made = folder(text, backbone=BACKBONE.replace("zeta", heading))
+    if refused:
+        with pytest.raises(FretflowError, match="says '1' of column"):
+            read_structure_recording(made)
+    else:
+        assert read_structure_recording(made).backbone.damping[0] == pytest.approx(1e-3)
+
+
+def test_an_amplitude_of_another_dimension_in_a_name_is_a_name(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace('"a"', '"a_m"')
+    assert read_structure_recording(folder(text, backbone="a_m" + BACKBONE[1:])).backbone.amplitude[0] == 1.0
+    text = TOML.format(of="tip", unit="m/s^2").replace('"f", unit = "Hz", sd', '"f_kHz", unit = "Hz", sd')
+    with pytest.raises(FretflowError, match="says 'kHz' of column f_kHz"):
+        read_structure_recording(folder(text, backbone=BACKBONE.replace("f", "f_kHz")))
+
+
+def test_a_response_is_driven_where_it_is_observed(folder):
+    text = TOML.format(of="tip", unit="m/s^2")
+    assert read_structure_recording(folder(text.replace('level', 'at = "end"\nlevel'))).responses[0].at == "end"
+    with pytest.raises(FretflowError, match=r"frf.at: 'rear' is no input or output of the structure; it has tip, end"):
+        read_structure_recording(folder(text.replace('level', 'at = "rear"\nlevel')))
+
+
+def resonant(frequency, level=1.0, of=80.0, damping=0.005):
+    """Return the amplitude of a linear oscillator under a force of `level`, and the response as it is read."""
+    amplitude = level / np.hypot(of**2 - frequency**2, 2.0 * damping * of * frequency)
+    return ControlledResponse(control=Control.FORCE, of="tip", at=None, level=level, frequency=frequency,
+                              force=np.full(len(frequency), level), amplitude=amplitude, amplitude_unit="m", phase=None)
+
+
+def test_a_response_is_read_alike_whatever_the_order_of_its_rows_and_however_often_each_stands():
+    frequency = np.linspace(78.0, 82.0, 41)
+    plain = resonance(in_order(resonant(frequency)))
+    assert plain[1] == pytest.approx(80.0 * np.sqrt(1.0 - 2.0 * 0.005**2), abs=2e-3)
+    shuffled = np.random.default_rng(3).permutation(np.repeat(frequency, 2))
+    assert resonance(in_order(resonant(shuffled))) == pytest.approx(plain, rel=1e-12)
+
+
+@pytest.mark.parametrize(("low", "high", "rows"), [
+    (60.0, 75.0, 31), (81.0, 90.0, 31), (79.0, 81.0, 2), (80.0, 80.0, 1)])
+def test_a_response_that_ends_before_its_resonance_tells_none(low, high, rows):
+    one = in_order(resonant(np.linspace(low, high, rows)))
+    with pytest.raises(FretflowError, match="no largest amplitude within its frequencies"):
+        resonance(one)
+    with pytest.raises(FretflowError, match=r"least value|do not tell a resonance"):
+        oscillator(one)
+
+
+def test_a_decay_is_read_down_to_the_noise_that_it_ends_in():
+    """A linear decay by 0.5 % at 80 Hz in white noise, by its closed form."""
+    time = np.arange(0.0, 10.0, 1.0 / 2000.0)
+    decay = np.exp(-0.005 * 2.0 * np.pi * 80.0 * time) * np.cos(2.0 * np.pi * 80.0 * time)
+    clean = instantaneous_mode(time[:4000], decay[:4000], 80.0)
+    assert above_noise(clean) == len(clean.amplitude)
+    noisy = instantaneous_mode(time, decay + 1e-3 * np.random.default_rng(7).standard_normal(len(time)), 80.0)
+    told = above_noise(noisy)
+    assert 5 < told < 0.5 * len(noisy.amplitude)
+    assert np.median(noisy.damping[:told]) == pytest.approx(0.005, rel=0.02)
+    assert noisy.frequency[:told] == pytest.approx(80.0, rel=0.01)
+    assert np.abs(noisy.frequency[told:] / 80.0 - 1.0).max() > 0.02  # what is left out is none of its motion

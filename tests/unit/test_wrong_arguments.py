@@ -6,7 +6,7 @@ shape. What comes of it is a result or an error of the project, never one from t
 
 import inspect
 import pickle
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from types import FunctionType
 
 import fretflow as ff
@@ -155,3 +155,95 @@ def test_a_checked_function_is_one_object_by_either_name_and_in_another_process(
 
     assert ff.read_loop is hysteresis.read_loop
     assert pickle.loads(pickle.dumps(ff.read_loop)) is ff.read_loop
+
+
+def slider(nodes=1, **options):
+    """Return a mass of 1 kg on each of some contact nodes, dragged over the ground behind a compliant face."""
+    joint = ff.Joint.from_matrices(1e6 * np.eye(3 * nodes), np.eye(3 * nodes), contact=[*range(nodes)],
+                                   observe={"tip": 0}, **{"contact_compliance": 1e-9, "modal_damping": 0.02, **options})
+    face = ff.Interface([*range(nodes)], [1e-6] * nodes, [0.0] * nodes)
+    return ff.PeriodicProblem(joint, face, ff.Coulomb(0.5), ff.Harmonic(5.0, {"tip": 100.0}),
+                              preload=ff.NormalLoad(60.0 * nodes))
+
+
+def test_a_slow_slider_is_stable_and_has_its_energy():
+    """Rigid Coulomb friction behind a spring c: 4 mu N (X - mu N c); the tip moves as the mass on its spring does."""
+    problem = slider()
+    period = ff.solve_periodic(problem)
+    swing = 0.5 * np.ptp(period.output("tip"))
+    assert period.dissipated_energy == pytest.approx(4.0 * 30.0 * (swing - 30.0 * 1e-9), rel=1e-6)
+
+
+def test_a_start_of_another_joint_is_refused_by_both_solvers():
+    other = ff.solve_periodic(slider(3))
+    for method in ("quasi-static", "dlft"):
+        with pytest.raises(ff.InputError, match="start: is a period of 3 contact nodes, and the problem has 1"):
+            ff.solve_periodic(slider(), method, start=other)
+
+
+def test_overtones_that_the_harmonics_do_not_hold_are_refused():
+    def driven(order, force=20.0):
+        return replace(slider(), excitation=ff.Harmonic(20.0, {"tip": 20.0}, overtones=((order, {"tip": force}),)))
+
+    with pytest.raises(ff.InputError, match="its overtone of order 5 is above harmonics = 3; give as many or more"):
+        ff.solve_periodic(driven(5), "dlft")
+    with pytest.raises(ff.InputError, match="above harmonics = 21"):
+        ff.continue_response(driven(41), 20.0, 30.0)
+    for order in (-1, 2.5):
+        with pytest.raises(ff.InputError, match=f"overtone {order} must be a whole number"):
+            driven(order)
+    with pytest.raises(ff.InputError, match="no finite number"):
+        driven(3, np.nan)
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"samples": 16, "harmonics": 40}, "samples = 16 is too few for 40 harmonics"),
+    ({"fine_samples": 16}, "fine_.*samples = 16 is too few"), ({"harmonics": 0}, "harmonics"),
+    ({"harmonics": "many"}, "harmonics"), ({"longest_step": "x"}, "longest_step = 'x' must be a positive number"),
+    ({"effort": 2.5}, "effort = 2.5"), ({"directions": ()}, "directions"), ({"directions": ("across",)}, "directions")])
+def test_settings_of_a_response_are_checked(settings, words):
+    with pytest.raises(ff.InputError, match=words):
+        ff.continue_response(slider(), 100.0, 220.0, **settings)
+
+
+def test_no_excitation_has_no_response():
+    still = replace(slider(), excitation=ff.Harmonic(20.0, {}))
+    with pytest.raises(ff.InputError, match="excitation: is zero"):
+        ff.continue_response(still, 100.0, 220.0)
+    with pytest.raises(ff.InputError, match="excitation: is zero"):
+        still.vary(amplitude=3.0)
+
+
+def test_lists_are_arrays_and_of_the_right_length():
+    loop = ff.HysteresisLoop(displacement=[0.0, 1.0, 0.0, -1.0] * 4, force=[1.0, 0.0, -1.0, 0.0] * 4)
+    assert loop.force.shape == (16,)
+    one = slider()
+    assert ff.solve_periodic(replace(one, law=ff.Coulomb([0.5])), "dlft").dissipated_energy > 0.0
+    with pytest.raises(ff.InputError, match="friction coefficient: 2 values for 1 contact nodes"):
+        replace(one, law=ff.Coulomb([0.5, 0.5]))
+    for method in ("quasi-static", "dlft"):
+        with pytest.raises(ff.InputError, match="interface: has 2 nodes, but the structure has 1 contact nodes"):
+            ff.solve_periodic(replace(one, interface=slider(2).interface), method)
+    with pytest.raises(ff.InputError, match="contact_compliance: has 2 values, but the contact has 3 DOF"):
+        slider(contact_compliance=[1e-9, 1e-9])
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"observe": {"tip": 1.7}}, "tip is 1.7, which is no whole number"),
+    ({"observe": {"tip": np.full(3, np.nan)}}, "tip must be finite"),
+    ({"observe": {"tip": np.zeros(3)}}, "tip must be finite"),
+    ({"stiffness": np.diag([1e6, -2e5, 1e6]), "modal_damping": None}, "K: is not positive"),
+    ({"damping": -np.eye(3)}, "C: is not positive")])
+def test_what_no_passive_structure_has_is_refused(change, words):
+    given = {"stiffness": 1e6 * np.eye(3), "mass": np.eye(3), "contact": [0], "contact_compliance": 1e-9, **change}
+    with pytest.raises(ff.InputError, match=words):
+        ff.Joint.from_matrices(**given)
+
+
+def test_free_bodies_that_are_pressed_together_need_the_quasi_static_solver():
+    link = np.kron(np.array([[1.0, -1.0], [-1.0, 1.0]]), 1e6 * np.eye(3))
+    rows = np.hstack([np.eye(3), -np.eye(3)])
+    joint = ff.Joint.from_matrices(link, np.eye(6), contact_map=rows, observe={"tip": 0}, contact_compliance=1e-9)
+    problem = replace(slider(), structure=joint)
+    with pytest.raises(ff.InputError, match='use method="quasi-static"'):
+        ff.solve_periodic(problem, "dlft")

@@ -59,9 +59,10 @@ def _checked(function: Any, name: str, last: bool) -> Any:
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         try:
-            signature.bind(*args, **kwargs)
+            bound = signature.bind(*args, **kwargs)
         except TypeError:  # of the call itself, which Python tells
             return function(*args, **kwargs)
+        args, kwargs = _with_arrays(function, bound)
         if not last:
             refuse_wrong(args, kwargs, strict=True)
             return function(*args, **kwargs)
@@ -84,11 +85,36 @@ def _due(function: FunctionType, name: str, strict: bool) -> Like:
     parameter = inspect.signature(function).parameters[name]
     if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL) or parameter.annotation is parameter.empty:
         return ANYTHING
-    text = parameter.annotation
     try:
-        return _like(eval(text, function.__globals__) if isinstance(text, str) else text, strict)
+        return _like(_annotation(function, name), strict)
     except (NameError, AttributeError):  # known to type checkers alone
         return ANYTHING
+
+
+def _with_arrays(function: Any, bound: inspect.BoundArguments) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    """Return arguments, lists of numbers made arrays where these are asked for."""
+    for key, value in bound.arguments.items():
+        if isinstance(value, list) and _takes_arrays(function, key) and is_array(value):
+            bound.arguments[key] = np.asarray(value)
+    return bound.args, bound.kwargs
+
+
+def _annotation(function: FunctionType, name: str) -> Any:
+    """Return what an argument is annotated with; an error where type checkers alone know it."""
+    text = inspect.signature(function).parameters[name].annotation
+    return eval(text, function.__globals__) if isinstance(text, str) else text
+
+
+@cache
+def _takes_arrays(function: FunctionType, name: str) -> bool:
+    """Tell whether an argument is annotated as an array, maybe besides something else."""
+    try:
+        kind = _annotation(function, name)
+    except (NameError, AttributeError):
+        return False
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return any(get_origin(one) is np.ndarray for one in choices)
 
 
 def is_array(value: Any, number: Any = np.float64, strict: bool = False) -> bool:

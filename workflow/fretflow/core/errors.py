@@ -58,7 +58,7 @@ class UnstablePeriodWarning(FretflowWarning):
 
 
 class HeavyContactWarning(FretflowWarning):
-    """The contact has more inertia than the method may leave out."""
+    """The contact has more inertia or damping than the method may leave out."""
 
 
 class InputError(FretflowError):

@@ -13,7 +13,7 @@ from fretflow.core.errors import UnitError, UnreliableRecordingError, Unsupporte
 from fretflow.core.records import Array
 from fretflow.core.units import per_cent, pretty_quantity
 from fretflow.recordings.channels import INDICES, unit_size
-from fretflow.recordings.headings import unit_in_heading
+from fretflow.recordings.headings import ALIASES, unit_in_heading
 from fretflow.recordings.notes import Note, row_ranges, rows_in_words
 from fretflow.recordings.periods import is_noisy, spikes, standing_still
 from fretflow.recordings.plausibility import check_heading
@@ -147,7 +147,8 @@ def _column(table: Table, block: str, channel: str, column: str | int) -> tuple[
 
 def _agree(table: Table, block: str, channel: str, heading: str, unit: str) -> None:
     """Compare the unit that the block gives with that in the file, in its heading or beside it."""
-    stated = table.units.get(heading) or unit_in_heading(channel, heading)
+    named = heading.strip().casefold() in ALIASES.get(channel, ())  # F_N is the normal force, in whatever unit
+    stated = table.units.get(heading) or ("" if named else unit_in_heading(channel, heading))
     if not stated or channel in INDICES:
         return
     try:

@@ -29,6 +29,7 @@ ALIASES = {
 LONGEST = 200  # characters of a heading that is taken apart
 BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 # "force in N", "force / N", "force, N", "force N"; with nothing else to part them, "force/N" or "force_N".
+_UNIT_APART = re.compile(r"(.+?)(?:\s+in\s+|\s*[/,]\s+|\s+/)(\S+)"), re.compile(r"([^_/]+)/(\S+)")
 _UNIT_LAST = (re.compile(r"(.+?)(?:\s+in\s+|\s*[/,]\s+|\s+/|\s+)(\S+)"), re.compile(r"([^_/]+)/(\S+)"),
               re.compile(r"(.+)_([^_]*)"))
 
@@ -42,6 +43,17 @@ def split_heading(heading: str) -> tuple[str, str]:
         if match := form.fullmatch(heading.strip()):
             return match[1].strip(), match[2]
     return heading, ""
+
+
+def unit_set_apart(heading: str) -> str:
+    """Return the text that a heading has in brackets, after a slash or after "in", as a unit alone stands.
+
+    What follows a blank or `_` may as well be a part of the name: of F_N, zeta 1, a_m.
+    """
+    for form in (BRACKETED, *_UNIT_APART) if len(heading) <= LONGEST else ():
+        if match := form.fullmatch(heading.strip()):
+            return match[2]
+    return ""
 
 
 def known_unit(channel: str, unit: str) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
-from numbers import Number, Real
+from numbers import Integral, Number, Real
 from typing import Protocol
 
 import numpy as np
@@ -53,12 +53,21 @@ class Harmonic:
         InputError
             If the frequency is not positive and finite, or an amplitude is no finite number.
         """
-        for name, force in self.amplitudes.items():
+        for order, _ in self.overtones:
+            if not (isinstance(order, Integral) and order >= 0):
+                raise InputError(f"excitation: overtone {order!r} must be a whole number from 0 on")
+        for name, force in (pair for one in (self.amplitudes, *(own for _, own in self.overtones))
+                            for pair in one.items()):
             if not (isinstance(force, Number) and np.isfinite(force)):
                 raise InputError(f"excitation: {name} = {force!r} is no finite number; give it in N, without quotes")
         if not (isinstance(self.frequency, Real) and 0.0 < self.frequency < np.inf):
             raise InputError(f"excitation: frequency {self.frequency!r} must be positive and finite, Hz as a number "
                              "without quotes")
+
+    @property
+    def highest(self) -> int:
+        """Return the highest harmonic that it has."""
+        return max([1, *(order for order, _ in self.overtones)])
 
     @property
     def amplitude(self) -> float:
@@ -69,6 +78,8 @@ class Harmonic:
         """Return the force with another `amplitude` in N, its overtones in proportion."""
         if len(self.amplitudes) == 1 and not self.overtones:
             return replace(self, amplitudes=dict.fromkeys(self.amplitudes, amplitude))
+        if not self.amplitude > 0.0:
+            raise InputError("excitation: is zero, and has no shape that another amplitude could have")
         return self.scaled(amplitude / self.amplitude)
 
     def scaled(self, share: float) -> Harmonic:
@@ -147,6 +158,18 @@ class PeriodicProblem:
     excitation: Harmonic = field(kw_only=False)
     preload: NormalLoad = field(default=NormalLoad(0.0), kw_only=False)
 
+    def check(self) -> None:
+        """Check that the law is of this interface.
+
+        Raises
+        ------
+        InputError
+            If it has a friction coefficient for each of another number of nodes.
+        """
+        if np.size(self.law.friction_coefficient) not in (1, self.interface.size):
+            raise InputError(f"friction coefficient: {np.size(self.law.friction_coefficient)} values for "
+                             f"{self.interface.size} contact nodes; give one, or one for each")
+
     @property
     def frequency(self) -> float:
         """Return the frequency of the excitation in Hz."""
@@ -202,6 +225,22 @@ class PeriodicProblem:
         if friction_coefficient is not None:
             problem = replace(problem, law=replace(problem.law, friction_coefficient=friction_coefficient))
         return problem
+
+
+def check_problem(problem: PeriodicProblem, harmonics: int) -> None:
+    """Check that a problem's parts fit each other, and that so many harmonics hold its excitation.
+
+    Raises
+    ------
+    InputError
+        Naming the part.
+    """
+    nodes = problem.structure.massless_boundary().nodes
+    if problem.interface.size != nodes:
+        raise InputError(f"interface: has {problem.interface.size} nodes, but the structure has {nodes} contact nodes")
+    if problem.excitation.highest > harmonics:
+        raise InputError(f"excitation: its overtone of order {problem.excitation.highest} is above harmonics = "
+                         f"{harmonics}; give as many or more")
 
 
 def refuse_unknown(problem: PeriodicProblem, method: str) -> None:

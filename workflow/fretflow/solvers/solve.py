@@ -7,11 +7,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from fretflow.case.config import PeriodicMethod, Solver, explain
-from fretflow.core.errors import InputError
+from fretflow.core.errors import FretflowError, InputError
 from fretflow.solvers.dlft.solver import DlftSolver
-from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver
-from fretflow.solvers.quasi_static.cautions import warn_of_instability, warn_of_no_contact
+from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, PeriodicSolver, check_problem
+from fretflow.solvers.quasi_static.cautions import period_multipliers, warn_of_instability, warn_of_no_contact
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.stability import is_stable
 
 
 def make_solver(settings: Solver, estimate_error: bool = False) -> PeriodicSolver:
@@ -86,8 +87,27 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
         chosen = Solver(**{"method": method, "estimate_error": False, **settings})
     except ValidationError as error:
         raise InputError(f"solve_periodic: {explain(error, {}, model=Solver)}") from error
+    check_problem(problem, chosen.resolved_harmonics)
+    if start is not None and start.displacement.shape[1] != problem.interface.size:
+        raise InputError(f"start: is a period of {start.displacement.shape[1]} contact nodes, and the problem has "
+                         f"{problem.interface.size}; leave it out")
+    if start is not None and start.internal.shape[1:] != (size := (problem.boundary.size,)) and (
+            chosen.method is PeriodicMethod.QUASI_STATIC):
+        raise InputError(f"start: is a period of {start.internal.shape[1:]} internal coordinates, and the problem has "
+                         f"{size}; leave it out")
     solution = make_solver(chosen, estimate_error=True).solve(problem, start)
     warn_of_no_contact(solution)
-    if chosen.method is PeriodicMethod.QUASI_STATIC:
-        warn_of_instability(problem, solution)
+    if chosen.method is PeriodicMethod.QUASI_STATIC and not is_stable(period_multipliers(problem, solution)):
+        warn_of_instability(problem, _finer(problem, solution, chosen))
     return solution
+
+
+def _finer(problem: PeriodicProblem, solution: PeriodicSolution, chosen: Solver) -> PeriodicSolution:
+    """Return a period with four times the samples, as few of them make multipliers larger; itself where none is found.
+
+    A step adds energy where it is long against the fastest motion.
+    """
+    try:
+        return make_solver(chosen.model_copy(update={"samples": 4 * chosen.resolved_samples})).solve(problem, solution)
+    except FretflowError:
+        return solution

@@ -27,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,10 @@ class Joint:
         size = len(stiffness)
         rows = _rows(size, contact, contact_map)
         if force_map is not None:
-            check_force_map(force_map, rows)
+            check_force_map(np.asarray(force_map, dtype=float), rows)
+        if np.size(contact_compliance) not in (1, len(rows)):
+            raise InputError(f"contact_compliance: has {np.size(contact_compliance)} values, but the contact has "
+                             f"{len(rows)} DOF; give one, or one for each")
         springs = np.broadcast_to(np.asarray(contact_compliance, dtype=float), len(rows)).copy()
         if not np.all(springs >= 0.0) or (np.any(springs > 0.0) and not np.all(springs > 0.0)):
             raise InputError("contact_compliance: give springs at all contact DOF, or none")
@@ -160,6 +164,7 @@ class Joint:
             damping=_padded(np.zeros((size, size)) if damping is None else damping, extra, 0.0),
             contact_map=np.hstack([rows, np.zeros((len(rows), extra))]), areas=np.ones(n), points=np.zeros((n, 3)))
         k, m, c = (np.asarray(part)[:whole, :whole] for part in (checked.stiffness, checked.mass, checked.damping))
+        _check_sign(K=k, C=c)
         made = cls(mass=m, stiffness=k, damping=c + _modal(k, m, modal_damping), contact_map=rows, observed=observed,
                    springs=springs, modes=modes)
         if modes is not None and not 1 <= modes <= len(made._all_modes.squares):
@@ -187,7 +192,11 @@ class Joint:
         for k, forces in enumerate(loads):
             known = np.zeros((len(self.mass) + contact, contact + 1), dtype=complex)
             known[:-contact, -1], known[-contact:, :-1] = self._rows.T @ forces, np.eye(contact)
-            solution = np.linalg.solve(self._saddle(k * omega), known)[-contact:]
+            try:
+                solution = np.linalg.solve(self._saddle(k * omega), known)[-contact:]
+            except np.linalg.LinAlgError as error:
+                raise InputError("K: a motion that moves no contact against another strains nothing, which a dynamic "
+                                 'stiffness cannot hold; use method="quasi-static"') from error
             stiffness[k] = solution[:, :-1]
             load.append(-solution[:, -1])
         return DynamicStiffness(omega=omega, stiffness=stiffness, load=np.array(load))
@@ -282,7 +291,9 @@ class Joint:
         modes = self._kept_modes
         d, contact, inputs = len(modes.project), len(self.contact_map), len(self.observed)
         stiffness = np.diag(modes.squares) if modes.squares.ndim == 1 else modes.squares
-        damping = modes.shape.T @ self.damping @ modes.shape
+        moved = np.hstack([modes.shape, modes.contact, modes.load])
+        whole = moved.T @ self.damping @ moved
+        damping = whole[:d, :d]
         return MasslessBoundary(
             flexibility=modes.flexibility, bare_stiffness=_inverse(modes.flexibility), motion=modes.motion,
             free=np.zeros((contact, 0)), transfer=modes.motion.T.copy(),
@@ -291,6 +302,7 @@ class Joint:
             inputs=self.inputs, input_force=modes.shape.T @ self._rows.T, input_motion=modes.input_motion,
             input_free=np.zeros((0, inputs)), free_coupling=np.zeros((0, d)),
             sliding=modes.motion[0::3].mean(axis=0), contact_mass=modes.contact_mass,
+            whole_damping=whole if modes.contact.any() else None,
             outputs={name: ObservedMotion(row[None] @ modes.shape, force=row[None] @ modes.contact,
                                           load=row[None] @ modes.load) for name, row in self.observed.items()})
 
@@ -317,11 +329,23 @@ def _row(size: int, name: str, where: int | Array) -> Array:
         row = np.asarray(where, dtype=float)
         if row.shape != (size,):
             raise InputError(f"observe: {name} has the shape {row.shape}, but a row has {size} numbers, one a DOF")
+        if not np.isfinite(row).all() or not row.any():
+            raise InputError(f"observe: {name} must be finite numbers, and not zeros alone")
         return row
+    if not isinstance(where, Integral):
+        raise InputError(f"observe: {name} is {where!r}, which is no whole number of a DOF")
     if not 0 <= int(where) < size:
         raise InputError(f"observe: {name} is DOF {where}, but they run from 0 to {size - 1}")
     row[int(where)] = 1.0
     return row
+
+
+def _check_sign(**matrices: Array) -> None:
+    for name, matrix in matrices.items():
+        squares = np.linalg.eigvalsh(matrix)
+        if squares[0] < -RIGID * np.abs(squares).max():
+            raise InputError(f"{name}: is not positive, its smallest eigenvalue is {squares[0]:.3g} and the largest "
+                             f"{squares[-1]:.3g}; a structure of its own gives no energy")
 
 
 def _padded(matrix: Array, extra: int, diagonal: float = 1.0) -> Array:

@@ -110,6 +110,8 @@ class MasslessBoundary:
     sliding: Array = quantity("1", "(d,), motion of the moving faces along x")
     forces: tuple[InternalForce, ...] = ()
     contact_mass: Array | None = quantity("kg", "(3 n, 3 n), inertia left out, by u alone; None: unknown", default=None)
+    whole_damping: Array | None = quantity(
+        "N s/m", "(d + 3 n + i, the same), of q, contact forces and inputs; None: all is of q alone", default=None)
     free_curvature: Array | None = quantity("N/m2", "(s, d), F; None where it is zero", default=None)
 
     @property
@@ -195,7 +197,7 @@ class MasslessBoundary:
                    for name, one in self.outputs.items()}
         return replace(self, flexibility=flexibility, bare_stiffness=np.linalg.inv(flexibility),
                        motion=self.motion[dofs], free=self.free[dofs], transfer=self.transfer[:, dofs],
-                       contact_mass=None,  # of nodes free of force only with the motion of these
+                       contact_mass=None, whole_damping=None,  # of nodes free of force only with these ones' motion
                        input_motion=self.input_motion[dofs], outputs=outputs)
 
     def _pull(self, motion: Array, free_load: Array) -> Array:

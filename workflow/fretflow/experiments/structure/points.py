@@ -23,7 +23,8 @@ from fretflow.experiments.independent import FREEDOM
 from fretflow.experiments.structure.responses import backbone_of
 from fretflow.inference.verdict import FALSE_ALARMS
 from fretflow.recordings.kinds.structures import FEWEST, MeasuredBackbone, StructureRecording
-from fretflow.solvers.nonlinear_modes.ring_down import MASING, instantaneous_mode
+from fretflow.recordings.notes import Note
+from fretflow.solvers.nonlinear_modes.ring_down import MASING, InstantaneousMode, instantaneous_mode
 
 Array = NDArray[np.float64]
 
@@ -127,14 +128,34 @@ def with_backbone(recording: StructureRecording) -> StructureRecording:
     step = float(np.median(np.diff(decay.time)))
     lines = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
     seen = instantaneous_mode(decay.time, signal, (1 + int(np.argmax(lines[1:]))) / (len(signal) * step))
-    rising = np.argsort(seen.amplitude)
+    told = above_noise(seen)
+    rising = np.argsort(seen.amplitude[:told])
     rising = rising[(seen.damping[rising] > 0.0) & (seen.amplitude[rising] > 0.0)]
     if len(rising) < FEWEST:
-        raise InputError("ring_down: too little of it decays to tell frequency and damping over amplitude")
-    return replace(recording, backbone=MeasuredBackbone(
+        raise InputError("ring_down: too little of it decays above its noise to tell frequency and damping")
+    parts, notes = len(seen.amplitude), recording.notes
+    if told < parts:
+        notes = (*notes, Note("ring_down", f"{parts - told} of its {parts} parts, from where it is ten times the noise "
+                                           "that it ends in, are left out"))
+    return replace(recording, notes=notes, backbone=MeasuredBackbone(
         amplitude_of=name, mode=None, amplitude=seen.amplitude[rising], amplitude_unit=decay.units[name],
         frequency=seen.frequency[rising], damping=seen.damping[rising], frequency_sd=None, damping_sd=None,
         calibration_sd=0.0))
+
+
+def above_noise(seen: InstantaneousMode) -> int:
+    """Return how many windows of a decay, from its first on, are ten times above the noise that it ends in.
+
+    Noise is as likely to rise as to fall: where any of the last windows does not fall, they are noise. At a tenth of
+    the amplitude it moves a window's logarithm by a tenth. A decay that falls throughout is told to its end.
+    """
+    last = slice(-max(4, len(seen.amplitude) // 10), None)
+    if np.all(seen.damping[last] > 0.0):
+        return len(seen.amplitude)
+    noise = float(np.sqrt(np.mean(seen.amplitude[last]**2)))
+    near = np.flatnonzero(seen.amplitude < 10.0 * noise)
+    near = near[near > int(np.argmax(seen.amplitude))]  # before it, what starts the motion may not be there yet
+    return int(near[0]) if near.size else len(seen.amplitude)
 
 
 def noise_of(place: Array, values: Array, rough: float, curves: Sequence[Array] = ()) -> Array:

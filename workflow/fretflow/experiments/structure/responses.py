@@ -13,6 +13,7 @@ largest amplitude is near the phase resonance, whose frequency is that of the ba
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def backbone_of(responses: Sequence[ControlledResponse]) -> MeasuredBackbone:
                          "response held and its force, or with the force held")
     if len({(one.of, one.amplitude_unit) for one in chosen}) > 1:
         raise InputError("frf: responses are of different outputs; give those of one")
-    points = np.array(sorted(oscillator(one) if chosen is held else _resonance(one) for one in chosen))
+    points = np.array(sorted(oscillator(one) if chosen is held else resonance(one) for one in map(in_order, chosen)))
     return MeasuredBackbone(
         amplitude_of=chosen[0].of, mode=None, amplitude=points[:, 0], amplitude_unit=chosen[0].amplitude_unit,
         frequency=points[:, 1], damping=points[:, 2] if chosen is held else None, frequency_sd=None, damping_sd=None,
@@ -61,6 +62,8 @@ def oscillator(one: ControlledResponse) -> tuple[float, float, float]:
     """
     if one.force is None:
         raise InputError("frf: the force of a response whose motion is held is required")
+    if len(one.frequency) <= FEWEST:
+        raise InputError(f"frf: {len(one.frequency)} frequencies do not tell a resonance; give {FEWEST + 1} or more")
     omega = 2.0 * np.pi * one.frequency
     motion = one.amplitude / omega**POWERS[one.amplitude_unit]
     square = (one.force / motion)**2
@@ -78,10 +81,26 @@ def oscillator(one: ControlledResponse) -> tuple[float, float, float]:
     return float(np.mean(one.amplitude)), float(natural * np.sqrt(scale) / (2.0 * np.pi)), float(damping)
 
 
-def _resonance(one: ControlledResponse) -> tuple[float, float, float]:
-    """Return the largest amplitude and where it is, by a parabola through it and its neighbours."""
+def in_order(one: ControlledResponse) -> ControlledResponse:
+    """Return a response with its frequencies rising, each of them once: of rows that repeat one their mean."""
+    frequency, place, count = np.unique(one.frequency, return_inverse=True, return_counts=True)
+    return replace(one, frequency=frequency, amplitude=np.bincount(place, one.amplitude) / count, phase=None,
+                   force=None if one.force is None else np.bincount(place, one.force) / count)
+
+
+def resonance(one: ControlledResponse) -> tuple[float, float, float]:
+    """Return the largest amplitude and where it is, by a parabola through it and its neighbours.
+
+    Raises
+    ------
+    InputError
+        If the amplitude has no largest value within its frequencies.
+    """
     seen = one.amplitude if one.force is None else one.amplitude * (float(np.mean(one.force)) / one.force)
-    at = int(np.clip(np.argmax(seen), 1, len(seen) - 2))
+    at = int(np.argmax(seen))
+    if not 0 < at < len(seen) - 1:
+        raise InputError("frf: a response with the force held has no largest amplitude within its frequencies; widen "
+                         "them")
     curved, slope, level = np.polyfit(one.frequency[at - 1:at + 2] - one.frequency[at], seen[at - 1:at + 2], 2)
     off = -0.5 * slope / curved if curved < 0.0 else 0.0
     return float(level + 0.5 * slope * off), float(one.frequency[at] + off), 0.0
@@ -90,8 +109,8 @@ def _resonance(one: ControlledResponse) -> tuple[float, float, float]:
 def required_force(curve: ModalBackbone, structure: ReducedStructure, mode: LinearMode, one: ControlledResponse
                    ) -> Array:
     """Return the force (P,), N, that a model needs for a recorded response; nan beyond its backbone's amplitudes."""
-    rows = {one.of: structure.outputs[one.of], **structure.inputs}
-    on_contact, on_modes = rows[one.at or one.of]
+    rows = {**structure.outputs, **structure.inputs}
+    on_contact, on_modes = structure.outputs[one.of] if one.at is None else rows[one.at]
     shape = abs(float(on_contact @ mode.contact + on_modes @ mode.modes))
     moved = np.abs(curve.outputs[:, curve.output_names.index(one.of)])
     order = np.argsort(moved)

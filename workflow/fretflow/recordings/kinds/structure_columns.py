@@ -11,7 +11,7 @@ from fretflow.case.config import Section
 from fretflow.core import units as u
 from fretflow.core.errors import ConfigError, UnreliableRecordingError
 from fretflow.core.records import Array
-from fretflow.recordings.headings import split_heading
+from fretflow.recordings.headings import split_heading, unit_set_apart
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table
 
@@ -90,13 +90,15 @@ def read_column(table: Table, block: str, name: str, spec: StructureColumn, choi
     """Return a column in SI and the SI unit it is in; none of its numbers may be missing."""
     heading, values = table.column(spec.column)
     size, si = _size(block, name, spec.unit, choices)
-    stated = table.units.get(heading) or split_heading(heading)[1]
+    apart = table.units.get(heading) or unit_set_apart(heading)
+    stated = apart or split_heading(heading)[1]
     if stated and stated != spec.unit:
         try:
             other = _size(block, name, stated, choices)
         except ConfigError:  # part of a name that is no unit
             other = (size, si)
-        if other != (size, si):
+        # after a blank or _ may stand a part of the name: of zeta 1, of a_m in m/s^2
+        if other != (size, si) and (apart or (other[1] == si and stated != "1")):
             raise UnreliableRecordingError(f"{block}.{name}.unit: is {spec.unit!r}, but the file {table.path} says "
                                            f"{stated!r} of column {heading}; correct the one that is wrong")
     wrong = np.flatnonzero(~np.isfinite(values))
@@ -107,11 +109,12 @@ def read_column(table: Table, block: str, name: str, spec: StructureColumn, choi
 
 
 def stated_sd(block: str, name: str, spec: StructureColumn, si: str) -> float | None:
-    """Return the sd that is stated of a column, in SI, if there is one."""
+    """Return the sd that is stated of a column, in SI, if there is one; a bare number is in per cent where that is."""
     if spec.sd is None:
         return None
+    bare = spec.unit == "%" and not str(spec.sd).strip().endswith("%")
     try:
-        sd = parsed(spec.sd, si)
+        sd = parsed(f"{spec.sd} %" if bare else spec.sd, si)
     except ValueError as error:
         raise ConfigError(f"{block}.{name}.sd: {error}") from error
     if not sd > 0.0:

@@ -169,8 +169,8 @@ def read_structure_recording(path: Path) -> StructureRecording | WornRecording:
             notes.append(Note("structure", f"{name} is neither known nor given a range; {typical[0]:g} to "
                                            f"{typical[1]:g} in SI is taken"))
     backbone = None if file.backbone is None else _backbone(file.backbone, toml.parent, matrices)
-    if backbone is not None and backbone.damping is not None and "modal_damping" in unknown:
-        notes += _without_friction(file.backbone, float(backbone.damping.min()), unknown["modal_damping"])
+    if file.backbone is not None and backbone is not None and backbone.damping is not None:
+        notes += _without_friction(file.backbone, float(backbone.damping.min()), unknown.get("modal_damping"))
     responses = tuple(_response(block, toml.parent, matrices) for block in file.frf)
     ring_down = None if file.ring_down is None else _ring_down(file.ring_down, toml.parent)
     if backbone is None and not responses and ring_down is None:
@@ -286,27 +286,28 @@ def _check_positive(where: str, **columns: Array) -> None:
                                            f"{values.min():g}; leave such rows out")
 
 
-def _without_friction(block: BackboneBlock | None, least: float, modal: tuple[float, float]) -> list[Note]:
-    """Return what contradicts that friction only adds to the modal damping.
+def _without_friction(block: BackboneBlock, least: float, modal: tuple[float, float] | None) -> list[Note]:
+    """Return what contradicts that friction only adds to the modal damping, in its range unless that is known.
 
     Raises
     ------
     ConfigError
-        If all that is recorded is above the modal damping's range, and its unit is not stated.
+        If all that is recorded is above the modal damping's range, the usual one if it is known, without a unit.
     """
-    if block is not None and block.damping is not None and not block.damping.unit and least > modal[1]:
+    low, high = modal or TYPICAL["modal_damping"]
+    if block.damping is not None and not block.damping.unit and least > high:
         raise ConfigError(f"backbone.damping.unit: is required, as the smallest damping, {least:g}, is above the range "
-                          f'of modal_damping, {modal[0]:g} to {modal[1]:g}; write "%", or "1" if it is a ratio')
-    if least >= modal[0]:
+                          f'of modal_damping, {low:g} to {high:g}; write "%", or "1" if it is a ratio')
+    if modal is None or least >= low:
         return []
     return [Note("backbone", f"the smallest damping ratio, {least:.2g}, is below the range of modal_damping, "
-                             f"{modal[0]:g} to {modal[1]:g}, to which friction adds; check its unit and the range")]
+                             f"{low:g} to {high:g}, to which friction adds; check its unit and the range")]
 
 
 def _response(block: ResponseBlock, folder: Path, matrices: StructureMatrices) -> ControlledResponse:
     _named("frf.of", block.of, matrices.outputs, "output")
     if block.at is not None:
-        _named("frf.at", block.at, matrices.inputs, "input")
+        _named("frf.at", block.at, {**matrices.inputs, **matrices.outputs}, "input or output")
     specs = {"frequency": ("Hz",), "force": ("N",), "amplitude": MOTIONS, "phase": ("rad",)}
     table = read_table(folder / block.file, [str(own.column) for name in specs
                                              if (own := getattr(block, name)) is not None])

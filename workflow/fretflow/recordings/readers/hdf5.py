@@ -30,16 +30,21 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
         if wanted is None and len(file) > MOST_COLUMNS:
             raise UnsupportedRecordingError(f"{path}: holds {len(file):,} items, and at most {MOST_COLUMNS:,} columns "
                                             "are read; save the channels alone")
-        there = [name for name, item in file.items() if isinstance(item, h5py.Dataset) and item.ndim == 1]
+        there = [name for name, item in file.items() if _is_row(item)]
         for name in there if wanted is None else wanted:
             item = file.get(name)
-            if not isinstance(item, h5py.Dataset) or item.ndim != 1 or item.dtype.kind not in "fiub":
+            if not _is_row(item) or item.dtype.kind not in "fiub":
                 raise UnsupportedRecordingError(f"{path}: {name!r} is no dataset of one row of numbers; at the top "
                                                 f"of the file there are {', '.join(there) or 'none'}")
-            columns[name] = np.asarray(array_of(item, CorruptRecordingError), dtype=float)
+            columns[name] = np.ravel(np.asarray(array_of(item, CorruptRecordingError), dtype=float))
             units[name] = unit_of(item)
     if len({len(column) for column in columns.values()}) != 1 or not len(next(iter(columns.values()), ())):
         lengths = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
         raise CorruptRecordingError(f"{path}: its datasets must be of one length above zero, got {lengths or 'none'}; "
                                     "export it again")
     return Table(path, columns, {name: unit for name, unit in units.items() if unit})
+
+
+def _is_row(item: h5py.Dataset | h5py.Group | None) -> bool:
+    """Tell whether an item is one row of numbers, or a column, as MATLAB writes it."""
+    return isinstance(item, h5py.Dataset) and (item.ndim == 1 or (item.ndim == 2 and 1 in item.shape))

@@ -11,7 +11,7 @@ import itertools
 import re
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -56,6 +56,8 @@ class FoundLoop:
 def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     """Read all loops of a MATLAB file (versions 5 to 7.3) as one table: cycle, repeat, displacement, force.
 
+    Where all `wanted` columns are variables, vectors of one length, they are the table.
+
     Raises
     ------
     CorruptRecordingError
@@ -63,7 +65,10 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
     UnsupportedRecordingError
         If no loops are found in it.
     """
-    loops = list(_loops(load_matlab(path), ""))
+    content = load_matlab(path)
+    if wanted and (columns := _columns(content, wanted)):
+        return Table(path, columns)
+    loops = list(_loops(content, ""))
     if not loops:
         raise UnsupportedRecordingError(f"{path}: no N x 2 array of displacement and force found in it; save one for "
                                         "each cycle count")
@@ -79,6 +84,14 @@ def read(path: Path, wanted: Sequence[str] | None = None) -> Table:
         ("cycle", counts), ("repeat", [next(seen[count]) for count in counts]))}
     samples = np.concatenate([loop.samples for loop in loops]).T.copy()
     return Table(path, columns | dict(zip(("displacement", "force"), samples, strict=True)), notes=notes)
+
+
+def _columns(content: Mapping[str, Any], wanted: Sequence[str]) -> dict[str, Array]:
+    """Return the wanted variables if they are vectors of one length, else none."""
+    vectors = {name: np.ravel(content[name]) for name in wanted if _is_numeric(content.get(name))
+               and content[name].size == max(content[name].shape, default=0) > 1}
+    alike = len(vectors) == len(set(wanted)) and len({len(values) for values in vectors.values()}) == 1
+    return {name: np.asarray(values, dtype=float) for name, values in vectors.items()} if alike else {}
 
 
 def load_matlab(path: Path) -> dict[str, Any]:

@@ -49,7 +49,9 @@ def read_structure(path: Path) -> StructureMatrices:
         Naming file and array: missing, of another shape, not symmetric, dependent.
     """
     try:
-        held = {_key(name): value for name, value in _content(path).items()}
+        content = _content(path)
+        # m beside M is another variable, such as the number of contact points
+        held = {name if _key(name) in content else _key(name): value for name, value in content.items()}
     except (OSError, ValueError, BadZipFile, EOFError, KeyError, MemoryError) as error:
         raise CorruptRecordingError(f"{path}: is no whole file of matrices ({error}); save it again") from error
     for name in REQUIRED:
@@ -70,6 +72,9 @@ def _key(name: str) -> str:
 
 def _structure(held: Mapping[str, Any]) -> StructureMatrices:
     values = {name: _matrix(held[name], name) for name in (*REQUIRED, *OPTIONAL) if name in held}
+    for name in ("M", "K", "contact_map"):
+        if values[name].ndim != 2:
+            raise InputError(f"{name}: is no matrix, it has the shape {values[name].shape}")
     size, areas = values["M"].shape[0], _vector(values["areas"])
     if "force_map" in values:
         check_force_map(values["force_map"], values["contact_map"])
@@ -80,7 +85,7 @@ def _structure(held: Mapping[str, Any]) -> StructureMatrices:
     return StructureMatrices(
         mass=values["M"], stiffness=values["K"], damping=values.get("C"),
         modal_damping=float(damping[0]) if len(damping) else None, contact_map=values["contact_map"], areas=areas,
-        points=_dense(points).reshape(-1, 3) if points.size == 3 * len(areas) else _dense(points),
+        points=np.atleast_2d(_dense(points)),
         preload=_vector(values["preload"]) if "preload" in values else None,
         gap=_vector(values["gap"]) if "gap" in values else None,
         **{name: _rows(held.get(name), held.get(names), size, name) for name, names in NAMED.items()})
@@ -109,24 +114,33 @@ def _matrix(held: Any, name: str) -> Any:
     if isinstance(held, tuple):  # with the unit that the file states
         held, unit = held
         try:
-            factor = parse_quantity(f"1 {unit}", UNITS.get(name, "1")) if name in UNITS else 1.0
+            factor = parse_quantity(f"1 {unit}", UNITS[name]) if name in UNITS else 0.01 if unit == "%" else 1.0
         except ValueError as error:
             raise InputError(f"{name}: its unit {unit!r} is none like {UNITS[name]}; matrices are in SI") from error
     if sparse.issparse(held):
         made = held
-    elif isinstance(held, Mapping) and set(ROW_ORDER) <= set(held):
-        shape = tuple(int(one) for one in np.ravel(_plain(held["shape"])))
-        made = sparse.csr_matrix(tuple(_plain(held[key]) for key in ROW_ORDER[:3]), shape=shape)
-    elif isinstance(held, Mapping) and set(MATLAB_ORDER) <= set(held):
-        data, rows, starts = (_plain(held[key]) for key in MATLAB_ORDER)
-        tall = held.get("rows")
-        made = sparse.csc_matrix((data, rows, starts), shape=None if tall is None else (int(tall), len(starts) - 1))
+    elif isinstance(held, Mapping) and (set(ROW_ORDER) <= set(held) or MATLAB_ORDER[-1] in held):
+        try:
+            made = _sparse(held)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{name}: is no whole sparse matrix ({error}); save it again") from error
     else:
         made = _plain(held)
         if np.asarray(made).dtype.kind not in "fiub":
             raise InputError(f"{name}: holds no real numbers")
         made = np.asarray(made, dtype=float)
     return made if factor == 1.0 else made * factor
+
+
+def _sparse(held: Mapping[str, Any]) -> Any:
+    """Return a sparse matrix by its compressed rows, or as MATLAB 7.3 has it: without entries it has `jc` alone."""
+    if set(ROW_ORDER) <= set(held):
+        shape = tuple(int(one) for one in np.ravel(_plain(held["shape"])))
+        return sparse.csr_matrix(tuple(np.ravel(_plain(held[key])) for key in ROW_ORDER[:3]), shape=shape)
+    data, rows, starts = (np.ravel(_plain(held.get(key, np.zeros(0)))) for key in MATLAB_ORDER)
+    tall = held.get("rows")
+    return sparse.csc_matrix((data, rows.astype(np.int64), starts),
+                             shape=None if tall is None else (int(tall), len(starts) - 1))
 
 
 def _plain(held: Any) -> Any:

@@ -21,12 +21,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from math import pi, sqrt
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from fretflow.case.config import Solver, explain
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.core.records import Array
 from fretflow.solvers.continuation.checkpoint import Checkpoint, Trace
@@ -40,7 +43,7 @@ from fretflow.solvers.continuation.model import Plane
 from fretflow.solvers.continuation.points import STRAIGHT, Face, ResponsePoint, Trail, channels_of, judge
 from fretflow.solvers.continuation.refinement import Refinement
 from fretflow.solvers.continuation.system import NO_MEMORY, ContinuationSystem, CurvePoint
-from fretflow.solvers.periodic import PeriodicProblem
+from fretflow.solvers.periodic import PeriodicProblem, check_problem
 from fretflow.solvers.quasi_static.backbone import Backbone
 from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
 from fretflow.solvers.quasi_static.internal import seen_coordinates
@@ -84,6 +87,29 @@ class Sweep:
     shortest_arc: float = 2e-3
     channel: str = "block"  # whose peak is refined
     directions: tuple[SweepDirection, ...] = field(default=(SweepDirection.UP, SweepDirection.DOWN))
+
+    def check(self) -> None:
+        """Check the settings.
+
+        Raises
+        ------
+        InputError
+            If one is of no use: too few samples for the harmonics, or a length or a direction that is none.
+        """
+        for fine in ("", "fine_"):
+            given = {name: getattr(self, fine + name) for name in ("harmonics", "samples", "tolerance")}
+            try:
+                Solver(**given)
+            except ValidationError as error:
+                raise InputError(f"continue_response: {fine}{explain(error, given, model=Solver)}") from error
+        for name in ("max_iterations", "effort", "first_arc", "longest_arc", "longest_step", "shortest_arc"):
+            value = getattr(self, name)
+            kind = Integral if name in ("max_iterations", "effort") else Real
+            if not (isinstance(value, kind) and 0.0 < float(value) < np.inf):
+                raise InputError(f"continue_response: {name} = {value!r} must be a positive number")
+        if not self.directions or any(one not in [*SweepDirection] for one in self.directions):
+            raise InputError(f"continue_response: directions = {self.directions!r} must be some of "
+                             f"{', '.join(map(str, SweepDirection))}")
 
 
 @dataclass(frozen=True)
@@ -146,6 +172,10 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
         sweep = Sweep(float(start), float(stop), channel=channel or shown, **{**own, **settings})
     except TypeError as error:
         raise InputError(f"continue_response: {error}; settings are the fields of Sweep") from error
+    sweep.check()
+    check_problem(problem, min(sweep.harmonics, sweep.fine_harmonics))
+    if not problem.excitation.amplitude > 0.0:
+        raise InputError("excitation: is zero, to which there is no response")
     return respond(problem, sweep, lambda direction, frequency: progress(frequency) if progress else None)
 
 

@@ -160,13 +160,22 @@ class BoltedJoint:
         return replace(self, bolt_shares=share * float(normal.sum() / (normal @ share)))
 
     def check(self) -> None:
-        """Check that something presses the faces together.
+        """Check that something presses the faces together, and that what each point has is of as many points.
 
         Raises
         ------
         InputError
-            If the structure says nothing of its preload, or the bolt load is not positive.
+            If the structure says nothing of its preload, the bolt load is not positive, the damping no ratio, or the
+            points are of another number.
         """
+        m = self.structure.contacts
+        for name, size in (("gap", m), ("springs", 3 * m), ("bolt_shares", m)):
+            values = getattr(self, name)
+            if values is not None and np.shape(values) != (size,):
+                raise InputError(f"{name}: has the shape {np.shape(values)}, but the joint's {m} contact points need "
+                                 f"({size},)")
+        if self.modal_damping is not None and not 0.0 <= self.modal_damping < 1.0:
+            raise InputError(f"modal_damping: {self.modal_damping} is no damping ratio between 0 and 1")
         if self.modal_damping is None:
             object.__setattr__(self, "modal_damping", self.structure.modal_damping or 0.0)
         if self.structure.preload is None:
