@@ -72,7 +72,8 @@ class Stretch:
         """Return where the first sample after the reference's maximum lies, in samples; None if that varies."""
         if not self.evenly or len(self.turns) != self.samples * self.periods:
             return None
-        return float(-self.reference * self.samples % 1.0)
+        after = float(-self.reference * self.samples % 1.0)
+        return after if after < 1.0 - 1e-6 else 0.0  # round-off before the maximum is on it
 
     def on_grid(self, samples: int, offset: float, exact: bool) -> Array:
         """Return the periods (P, C, N) at the phases ``(n + offset) / N`` after the reference's maximum.

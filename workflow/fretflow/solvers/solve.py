@@ -46,7 +46,8 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     Raises
     ------
     InputError
-        If there is no such method or setting, or the method does not know what the problem holds.
+        If there is no such method or setting, the method does not know what the problem holds, an overtone is above the
+        harmonics, or `start` is of another joint.
     NonConvergenceError
         With the residual history.
     AuditError
@@ -59,7 +60,8 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     UnstablePeriodWarning
         If a Floquet multiplier of the quasi-static period lies outside the unit circle.
     HeavyContactWarning
-        If the contact's inertia, which the quasi-static solver leaves out, holds over 2 % of the kinetic energy.
+        If the contact's inertia, which the quasi-static solver leaves out, holds over 2 % of the kinetic energy, or the
+        damping of its own motion over 2 % of the excitation's work.
 
     Notes
     -----
