@@ -115,8 +115,8 @@ class Joint:
         Parameters
         ----------
         stiffness, mass, damping : (N, N)
-            K, M and C in N/m, kg and N s/m; symmetric; C is zero by default. Of C the quasi-static solver keeps what acts
-            on the joint open, and tells where the rest matters; DLFT keeps all.
+            K, M and C in N/m, kg and N s/m; symmetric; C is zero by default. Of C the quasi-static solver keeps what
+            acts on the open joint, and tells where the rest matters; DLFT keeps all.
         contact : sequence of int
             Numbers of the nodes that rub against the ground, node k having DOF 3 k, 3 k + 1 (tangential) and 3 k + 2
             (normal, positive when open).
