@@ -20,11 +20,12 @@ from fretflow.experiments.rig.setup import (
     first_wear,
     linear_case,
     model_of,
-    with_stiff_asperities,
+    stiff_asperities,
 )
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.experiments.tools import DiagnosisTools
 from fretflow.pipeline.diagnose import reduced_problem
+from fretflow.wear.slow import SlowState
 from fretflow_trial.joint import specimens
 
 pytestmark = pytest.mark.fem
@@ -72,7 +73,7 @@ def test_reduced_specimens_are_kept(tmp_path, monkeypatch):
 def test_stiff_asperities_add_their_share_and_lower_the_peaks_of_pressure(tmp_path):
     """Under an even pressure springs in series add their compliance; hard faces press the most at the corners."""
     hard = problem_on(tmp_path, {"contact_elements": 2, "degree": 2})
-    rough = with_stiff_asperities(hard, 0.05)
+    rough = stiff_asperities(hard, 0.05).period(hard, SlowState.unworn(hard.interface.size))
     before, after = mean_compliance(hard), mean_compliance(rough)
     assert after - before == pytest.approx(0.05 * before[1])  # as much in sliding
     area = hard.interface.areas
@@ -84,7 +85,8 @@ def test_stiff_asperities_add_their_share_and_lower_the_peaks_of_pressure(tmp_pa
 
     peaks = [own.max() / (own @ area / area.sum()) for own in map(pressures, (hard, rough))]
     assert peaks[0] > 1.15 * peaks[1]
-    assert pressures(with_stiff_asperities(hard, 1e-9)) == pytest.approx(pressures(hard), rel=1e-6)
+    rigid = stiff_asperities(hard, 1e-9).period(hard, SlowState.unworn(hard.interface.size))
+    assert pressures(rigid) == pytest.approx(pressures(hard), rel=1e-6)
 
 
 def test_edges_of_the_scar_are_as_sure_as_codes_agree(tmp_path, recordings):

@@ -38,7 +38,7 @@ from fretflow.experiments.rig.setup import (
     is_seen,
     linear_case,
     model_of,
-    with_stiff_asperities,
+    stiff_asperities,
     worn_as_much,
 )
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
@@ -240,10 +240,11 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     progress(0.08, "what the coarse mesh leaves out")
     finer, denser = model.finer(fine), model.denser()
     untold = next(one.size for one in BASELINE if one.field == "compliance")
-    asked = [finer, denser, replace(model, problem=with_stiff_asperities(model.problem, untold))]
+    asked = [_Prediction(one, Hypothesis()) for one in (finer, denser)]
+    asked.append(_Prediction(model, Hypothesis(effects=(stiff_asperities(model.problem, untold),))))
     if observation.rows(block="map").any():
-        asked.append(model.finer(linear))
-    predicted = tools.pool(predict_task, [_Prediction(one, Hypothesis()) for one in asked])
+        asked.append(_Prediction(model.finer(linear), Hypothesis()))
+    predicted = tools.pool(predict_task, asked)
     plainly = model.predict(first)
     rough, codes = predicted[2] - plainly, [plainly, predicted[0], *predicted[3:]]
     if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples

@@ -13,6 +13,7 @@ from fretflow.case.sections import ContactSection
 from fretflow.core.errors import NonConvergenceError, UnreliableRecordingError
 from fretflow.core.records import Array
 from fretflow.core.units import pretty_quantity
+from fretflow.effects.contact_stiffness import ContactStiffness
 from fretflow.experiments.rig.model import SAMPLES, RigModel
 from fretflow.experiments.rig.observation import Observation, check_blocks
 from fretflow.experiments.rig.simulation import Hypothesis, Simulation
@@ -21,7 +22,6 @@ from fretflow.recordings.loopset import plateau
 from fretflow.recordings.recording import Recording
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, RecordedTest
 from fretflow.solvers.periodic import PeriodicProblem
-from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.structure.two_mass_rig.joint import rig_of
 
 # Elements per side of the contact square that fits are made with, of second degree: with the same 25 nodes as 4 by 4
@@ -134,16 +134,15 @@ def model_of(recording: Recording, observation: Observation, problem: PeriodicPr
                     samples=SAMPLES, total_cycles=recording.test.cycles or max(observation.counts))
 
 
-def with_stiff_asperities(problem: PeriodicProblem, share: float) -> PeriodicProblem:
-    """Return a problem with springs in series at all nodes, of a `share` of the specimens' compliance under the load.
+def stiff_asperities(problem: PeriodicProblem, share: float) -> ContactStiffness:
+    """Return asperities, alike everywhere, of a `share` of the specimens' mean normal compliance.
 
     All faces have asperities. Nobody states such that add no more than what a modulus is known to, and other codes have
     springs as stiff in place of hard contact; all the same they take the peaks of pressure at the edges away.
     """
-    joint = rig_of(problem.structure).quasi_static()
     part = problem.interface.areas / problem.interface.areas.sum()
-    compliance = part @ joint.flexibility[2::3, 2::3] @ part
-    return replace(problem, structure=with_springs(joint, np.repeat(share * compliance / part, 3)))
+    compliance = part @ rig_of(problem.structure).quasi_static().flexibility[2::3, 2::3] @ part
+    return ContactStiffness().changed(stiffness=1.0 / float(share * compliance), exponent=0.0, ratio=1.0)
 
 
 def worn_as_much(model: RigModel, simulation: Simulation) -> tuple[RigModel, Simulation]:
