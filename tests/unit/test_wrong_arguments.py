@@ -206,6 +206,16 @@ def test_settings_of_a_response_are_checked(settings, words):
         ff.continue_response(slider(), 100.0, 220.0, **settings)
 
 
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"stops": 5}, "stops = 5 must be a sequence"), ({"stops": "abc"}, "stops = 'abc' must be"),
+    ({"tolerance": "x"}, "wear.tolerance: 'x' is no number"), ({"vanishing_rate": -1.0}, "wear.vanishing_rate"),
+    ({"vanishing_rate": float("nan")}, "wear.vanishing_rate"),
+    ({"max_depth_per_jump": "1e-6"}, "wear.max_depth_per_jump: '1e-6' is no number")])
+def test_settings_of_a_march_are_checked(settings, words):
+    with pytest.raises(ff.InputError, match=words):
+        ff.march_wear(slider(), ff.Archard(1e-14), 1000, **settings)
+
+
 def test_no_excitation_has_no_response():
     still = replace(slider(), excitation=ff.Harmonic(20.0, {}))
     with pytest.raises(ff.InputError, match="excitation: is zero"):
