@@ -213,6 +213,21 @@ def test_errors_of_timing_that_are_not_there_hide_nothing():
     assert p_value(np.sqrt(1.5) * noise) < 1e-6
 
 
+def test_a_baseline_that_was_fitted_under_other_errors_is_no_sign_of_anything():
+    """Its parameter is five sd off the optimum under the noise alone: what is left has a degree of freedom less."""
+    seen = observation()
+    noise = np.random.default_rng(6).standard_normal(len(seen.values))
+    slope = np.column_stack([np.ones(len(noise)), np.zeros(len(noise))])  # the second one does nothing here
+
+    def p_values(left):
+        fit = SimpleNamespace(residual=left, chi_squared=float(left @ left), z=np.zeros(2), whitened_jacobian=slope)
+        return detect(seen, fit).tests
+
+    assert min(p_values(noise).values()) > 0.01
+    off = p_values(noise + 5.0 * slope[:, 0])
+    assert [*off.values()] == pytest.approx([*p_values(noise).values()], rel=1e-6)
+
+
 def test_what_is_left_in_one_loop_alone_is_detected():
     """Its zero is two sd off: no harmonic, and no more in all than noise that is told a little too large."""
     seen = observation()

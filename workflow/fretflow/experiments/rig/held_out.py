@@ -16,7 +16,7 @@ from fretflow.experiments.rig.observation import Observation, is_other_motion
 from fretflow.experiments.rig.views import held_out_error
 from fretflow.inference.experiment import Covariance
 from fretflow.inference.least_squares import Fit, Fitter
-from fretflow.inference.search import Names, Search, Task, fit_task
+from fretflow.inference.search import Names, Search, Task, basis, fit_task
 from fretflow.inference.verdict import FALSE_ALARMS, Detection, HeldOut
 
 
@@ -91,12 +91,15 @@ def detect(observation: Observation, base: Fit) -> Detection:
     """Return whether anything is left at a fitted baseline: in all, in one loop, or in harmonics common to the loops.
 
     What is left in all is compared with what repeats differ by: much of the variance at corners is of errors of timing
-    that need not be there, and would hide what is.
+    that need not be there, and would hide what is. The baseline was fitted under other errors besides, so that its
+    parameters are fitted once more, to first order: a chi-squared has their number of degrees of freedom less there.
     """
-    residual, freedom = base.residual, max(float(observation.noise.sum()) - len(base.z), 1.0)
-    tests = {"chi-squared of all that is left": float(stats.chi2.sf(base.chi_squared, freedom)),
+    own = basis(base.whitened_jacobian)
+    residual = base.residual - own @ (own.T @ base.residual)
+    freedom = max(float(observation.noise.sum()) - len(base.z), 1.0)
+    tests = {"chi-squared of all that is left": float(stats.chi2.sf(residual @ residual, freedom)),
              "chi-squared of a channel of one loop": _single(observation, residual),
-             "means and harmonics of the loops by their trend over the cycles": _harmonics(observation, residual, base)}
+             "means and harmonics of the loops by their trend over the cycles": _harmonics(observation, residual, own)}
     name = min(tests, key=lambda key: tests[key])
     return Detection(p_value=min(1.0, len(tests) * tests[name]), statistic=name, tests=tests,
                      false_alarm_rate=FALSE_ALARMS)
@@ -109,7 +112,7 @@ def _single(observation: Observation, residual: Array) -> float:
     return min(1.0, len(shares) * min(shares)) if shares else 1.0
 
 
-def _harmonics(observation: Observation, residual: Array, base: Fit) -> float:
+def _harmonics(observation: Observation, residual: Array, own: Array) -> float:
     """Return the p-value of a channel's largest harmonic or mean, constant or linear in the loops' order."""
     probes = []
     angle = 2.0 * np.pi * np.arange(observation.samples) / observation.samples
@@ -126,7 +129,6 @@ def _harmonics(observation: Observation, residual: Array, base: Fit) -> float:
                     probes.append(probe)
     if not probes:
         return 1.0
-    own, _ = np.linalg.qr(base.whitened_jacobian)
     probed = np.column_stack(probes)
     probed -= own @ (own.T @ probed)
     size = np.linalg.norm(probed, axis=0)
