@@ -90,7 +90,7 @@ def test_a_doubt_is_told_at_once_and_names_no_stage(monkeypatch):
     with pytest.raises(ZeroDivisionError):
         run.diagnose_rig(None, True, stages, None)
     assert doubt in told[-1]
-    assert list(stages.ended()) == ["specimens on three meshes"]
+    assert list(stages.ended()) == ["specimens on coarse meshes"]
 
 
 def test_the_json_has_every_warning_and_note_of_the_terminal(diagnosis):

@@ -123,6 +123,9 @@ def test_bad_arrays_are_named(held, tmp_path, change, words):
 def test_a_variable_that_differs_by_its_case_is_another_one(held, tmp_path):
     np.savez(tmp_path / "a.npz", **held, m=np.array(2), k=np.array(1.0), **{"outputs/tip": TIP})
     check(read_structure(tmp_path / "a.npz"), held)
+    flat = {**held, "points": held["points"].ravel()}
+    np.savez(tmp_path / "c.npz", **flat, **{"outputs/tip": TIP})
+    check(read_structure(tmp_path / "c.npz"), held)
     lower = {name.lower(): value for name, value in held.items()}
     np.savez(tmp_path / "b.npz", **lower, **{"outputs/tip": TIP})
     check(read_structure(tmp_path / "b.npz"), held)

@@ -349,7 +349,7 @@ def test_the_sd_of_a_column_in_per_cent_is_in_per_cent(folder, sd):
 
 
 @pytest.mark.parametrize(("heading", "refused"), [
-    ("zeta 1", False), ("zeta_1", False), ("zeta [1]", True), ("zeta (%)", False)])
+    ("zeta 1", False), ("zeta_1", False), ("zeta [1]", True), ("zeta in 1", True), ("zeta (%)", False)])
 def test_the_end_of_a_heading_is_a_unit_where_it_is_set_apart(folder, heading, refused):
     text = TOML.format(of="tip", unit="m/s^2").replace('"zeta"', f'"{heading}"')
     made = folder(text, backbone=BACKBONE.replace("zeta", heading))
@@ -366,6 +366,10 @@ def test_an_amplitude_of_another_dimension_in_a_name_is_a_name(folder):
     text = TOML.format(of="tip", unit="m/s^2").replace('"f", unit = "Hz", sd', '"f_kHz", unit = "Hz", sd')
     with pytest.raises(FretflowError, match="says 'kHz' of column f_kHz"):
         read_structure_recording(folder(text, backbone=BACKBONE.replace("f", "f_kHz")))
+    for heading, said in (("a m/s", "m/s"), ("a_mm", "mm")):  # of another dimension, and no part of a name
+        text = TOML.format(of="tip", unit="m/s^2").replace('"a"', f'"{heading}"')
+        with pytest.raises(FretflowError, match=f"says '{said}' of column"):
+            read_structure_recording(folder(text, backbone=heading + BACKBONE[1:]))
 
 
 def test_a_response_is_driven_where_it_is_observed(folder):

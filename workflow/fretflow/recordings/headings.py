@@ -29,7 +29,6 @@ ALIASES = {
 LONGEST = 200  # characters of a heading that is taken apart
 BRACKETED = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 # "force in N", "force / N", "force, N", "force N"; with nothing else to part them, "force/N" or "force_N".
-_UNIT_APART = re.compile(r"(.+?)(?:\s+in\s+|\s*[/,]\s+|\s+/)(\S+)"), re.compile(r"([^_/]+)/(\S+)")
 _UNIT_LAST = (re.compile(r"(.+?)(?:\s+in\s+|\s*[/,]\s+|\s+/|\s+)(\S+)"), re.compile(r"([^_/]+)/(\S+)"),
               re.compile(r"(.+)_([^_]*)"))
 
@@ -46,14 +45,13 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 
 def unit_set_apart(heading: str) -> str:
-    """Return the text that a heading has in brackets, after a slash or after "in", as a unit alone stands.
+    """Return the text that may be a heading's unit, if it is no single letter or digit after a blank or ``_``.
 
-    What follows a blank or `_` may as well be a part of the name: of F_N, zeta 1, a_m.
+    That may as well be a part of the name: of F_N, zeta 1, a_m.
     """
-    for form in (BRACKETED, *_UNIT_APART) if len(heading) <= LONGEST else ():
-        if match := form.fullmatch(heading.strip()):
-            return match[2]
-    return ""
+    name, unit = split_heading(heading)
+    between = heading.strip().removeprefix(name).removesuffix(unit).strip()
+    return unit if len(unit) > 1 or between not in ("", "_") else ""
 
 
 def known_unit(channel: str, unit: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from fretflow.case.config import PeriodicMethod, Solver, explain
@@ -90,18 +91,23 @@ def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, st
     except ValidationError as error:
         raise InputError(f"solve_periodic: {explain(error, {}, model=Solver)}") from error
     check_problem(problem, chosen.resolved_harmonics)
-    if start is not None and start.displacement.shape[1] != problem.interface.size:
-        raise InputError(f"start: is a period of {start.displacement.shape[1]} contact nodes, and the problem has "
-                         f"{problem.interface.size}; leave it out")
-    if start is not None and start.internal.shape[1:] != (size := (problem.boundary.size,)) and (
-            chosen.method is PeriodicMethod.QUASI_STATIC):
-        raise InputError(f"start: is a period of {start.internal.shape[1:]} internal coordinates, and the problem has "
-                         f"{size}; leave it out")
+    if start is not None:
+        _check_start(problem, start, chosen.method)
     solution = make_solver(chosen, estimate_error=True).solve(problem, start)
     warn_of_no_contact(solution)
     if chosen.method is PeriodicMethod.QUASI_STATIC and not is_stable(period_multipliers(problem, solution)):
         warn_of_instability(problem, _finer(problem, solution, chosen))
     return solution
+
+
+def _check_start(problem: PeriodicProblem, start: PeriodicSolution, method: PeriodicMethod) -> None:
+    """Refuse a start of another number of nodes, or to the quasi-static solver of internal coordinates."""
+    sizes = {"contact nodes": (start.displacement.shape[1], problem.interface.size)}
+    if method is PeriodicMethod.QUASI_STATIC:
+        sizes["internal coordinates"] = int(np.prod(start.internal.shape[1:])), problem.boundary.size
+    for what, (given, due) in sizes.items():
+        if given != due:
+            raise InputError(f"start: is a period of {given} {what}, and the problem has {due}; leave it out")
 
 
 def _finer(problem: PeriodicProblem, solution: PeriodicSolution, chosen: Solver) -> PeriodicSolution:

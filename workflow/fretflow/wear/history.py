@@ -44,27 +44,28 @@ class WearSettings:
         if self.scheme not in [*WearScheme]:
             raise InputError(f"wear.scheme: must be {' or '.join(WearScheme)}, got {self.scheme!r}")
         object.__setattr__(self, "scheme", WearScheme(self.scheme))  # of text too
-        shares = {"tolerance": (0.0, 1.0), "vanishing_rate": (0.0, 1.0), "upper_share": (0.0, 1.0)}
-        for name in ("coefficient", *shares, "max_depth_per_jump"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Real):
-                raise InputError(f"wear.{name}: {value!r} is no number")
-            low, high = shares.get(name, (0.0, np.inf))
-            if value is not None and not low <= float(value) <= high:
-                raise InputError(f"wear.{name}: must lie between {low:g} and {high:g}, got {value}" if name in shares
-                                 else f"wear.{name}: must not be negative, got {value}")
-        for name in ("tolerance", "max_depth_per_jump"):
-            if getattr(self, name) == 0.0:
-                raise InputError(f"wear.{name}: must be positive, got 0")
-        self._check_cycles()
-
-    def _check_cycles(self) -> None:
+        self._check_kinds()
+        if not self.coefficient >= 0.0:
+            raise InputError(f"wear.coefficient: must not be negative, got {self.coefficient}")
         if self.cycles < 0:
             raise InputError(f"cycles: must not be negative, got {self.cycles}")
-        if not isinstance(self.stops, Sequence | np.ndarray) or not all(isinstance(stop, Real) for stop in self.stops):
-            raise InputError(f"cycles: stops = {self.stops!r} must be a sequence of cycle counts")
         if any(not 0 <= stop <= self.cycles for stop in self.stops):
             raise InputError(f"cycles: asked {self.stops} must lie between 0 and the test's {self.cycles}")
+        if self.max_depth_per_jump is not None and not self.max_depth_per_jump > 0.0:
+            raise InputError(f"wear.max_depth_per_jump: must be positive, got {self.max_depth_per_jump}")
+        if not 0.0 < self.tolerance < 1.0:
+            raise InputError(f"wear.tolerance: must lie between 0 and 1, got {self.tolerance}")
+        for name in ("vanishing_rate", "upper_share"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"wear.{name}: must lie between 0 and 1, got {getattr(self, name)}")
+
+    def _check_kinds(self) -> None:
+        for name in ("coefficient", "tolerance", "vanishing_rate", "upper_share", "max_depth_per_jump"):
+            value = getattr(self, name)
+            if not isinstance(value, Real) and (value is not None or name != "max_depth_per_jump"):
+                raise InputError(f"wear.{name}: {value!r} is no number")
+        if not isinstance(self.stops, Sequence | np.ndarray) or not all(isinstance(stop, Real) for stop in self.stops):
+            raise InputError(f"cycles: stops = {self.stops!r} must be a sequence of cycle counts")
 
     def next_stop(self, cycles: int) -> int:
         """Return the first asked cycle count after `cycles`."""

@@ -94,7 +94,7 @@ def diagnose_rig(recording: Recording, fast: bool, progress: Progress, tools: Di
     NonConvergenceError
         If the baseline cannot be simulated.
     """
-    stage = "specimens on three meshes"
+    stage = "specimens on coarse meshes"
     progress(0.01, stage)
     case = case_of(recording)
     wrong = faults(recording, case)
@@ -230,7 +230,9 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
     cases = [case_of(recording, own, f"{own}-elements") for own in elements]
-    coarse, fine, linear = tools.statics([*cases, linear_case(cases[0])])
+    if observation.rows(block="map").any():
+        cases.append(linear_case(cases[0]))
+    coarse, fine, *linear = tools.statics(cases)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
@@ -242,8 +244,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     untold = next(one.size for one in BASELINE if one.field == "compliance")
     asked = [_Prediction(one, Hypothesis()) for one in (finer, denser)]
     asked.append(_Prediction(model, Hypothesis(effects=(stiff_asperities(model.problem, untold),))))
-    if observation.rows(block="map").any():
-        asked.append(_Prediction(model.finer(linear), Hypothesis()))
+    asked += [_Prediction(model.finer(one), Hypothesis()) for one in linear]
     predicted = tools.pool(predict_task, asked)
     plainly = model.predict(first)
     rough, codes = predicted[2] - plainly, [plainly, predicted[0], *predicted[3:]]

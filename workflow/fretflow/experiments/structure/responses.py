@@ -127,7 +127,7 @@ def response_curves(responses: Sequence[ControlledResponse], structure: ReducedS
                     models: Sequence[tuple[ModalBackbone, LinearMode]]) -> tuple[MeasuredCurve, ...]:
     """Return the force of each response as measured and as two models, before and after, need it."""
     made = []
-    for k, one in enumerate(responses):
+    for k, one in enumerate(map(in_order, responses)):
         if one.force is None:
             continue
         before, after = (required_force(curve, structure, mode, one) for curve, mode in models)

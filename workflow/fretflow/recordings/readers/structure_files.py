@@ -81,11 +81,11 @@ def _structure(held: Mapping[str, Any]) -> StructureMatrices:
     damping = _vector(values.get("modal_damping", np.zeros(0)))
     if len(damping) > 1 and np.ptp(damping) > 0.0:
         raise InputError("modal_damping: must be one ratio for all modes; give C where they differ")
-    points = values.get("points", np.zeros((len(areas), 3)))
+    points = _dense(values.get("points", np.zeros((len(areas), 3))))
     return StructureMatrices(
         mass=values["M"], stiffness=values["K"], damping=values.get("C"),
         modal_damping=float(damping[0]) if len(damping) else None, contact_map=values["contact_map"], areas=areas,
-        points=np.atleast_2d(_dense(points)),
+        points=points.reshape(-1, 3) if points.ndim == 1 and points.size % 3 == 0 else points,
         preload=_vector(values["preload"]) if "preload" in values else None,
         gap=_vector(values["gap"]) if "gap" in values else None,
         **{name: _rows(held.get(name), held.get(names), size, name) for name, names in NAMED.items()})
