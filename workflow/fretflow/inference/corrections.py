@@ -39,8 +39,9 @@ def correct(search: Search, of: Sequence[int]) -> None:
         if frozenset() in put_right:
             correct_beside_baseline(search)
         search.compute_signatures(put_right)
+        # nothing, which shares the posterior and is no law of others, is held against all that is fitted
         again = [names for names in put_right if search.log_evidence(names) > -NEGLIGIBLE + max(
-            search.log_evidence(one) for one in put_right if len(one) == len(names))]
+            search.log_evidence(one) for one in put_right if len(one) == len(names) or not names)]
         for names, fit in zip(again, search.pool(fit_task, [search.allowing(one) for one in again]), strict=True):
             if fit is not None:
                 search.keep_more_probable(replace(search.fitter_of(names).linearised(fit.prediction, fit.jacobian),
