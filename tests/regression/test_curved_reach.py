@@ -13,6 +13,7 @@ from fretflow.contact.law import ContactState
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static import candidate_nodes as reach
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
+from fretflow.solvers.quasi_static.symmetry import MirrorPlane
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -20,6 +21,12 @@ DATA = np.load(Path(__file__).parents[1] / "data" / "periodic" / "krel_49.npz")
 RIG = LumpedRig.from_modes(10.0, 0.5, 40.0, 2500.0, 0.01)
 PLACE = 1e-3 * (DATA["x"][:, :2] - DATA["x"][:, :2].mean(axis=0))
 SETTINGS = Solver(harmonics=9, samples=64, estimate_error=False)
+
+
+@pytest.fixture(autouse=True)
+def _all_nodes(monkeypatch):
+    """Solve for both sides of the faces, which are symmetric."""
+    monkeypatch.setattr(MirrorPlane, "of", lambda *_: None)
 
 
 def problem(force=75.0):
@@ -47,6 +54,7 @@ def solve(monkeypatch, margin, first=None):
         monkeypatch.setattr("fretflow.solvers.quasi_static.solver.candidate_nodes", lambda *_: first)
     period = QuasiStaticSolver(SETTINGS).solve(problem())
     monkeypatch.undo()
+    monkeypatch.setattr(MirrorPlane, "of", lambda *_: None)
     return period, sizes
 
 

@@ -49,6 +49,7 @@ from fretflow.solvers.quasi_static.candidate_nodes import candidate_nodes
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.starts import instant_of, settled_starts
+from fretflow.solvers.quasi_static.symmetry import halved
 
 OFF = 0.03  # distance of a good point from where the last chord led
 FAR = 2.0  # arcs; a root beyond is on another part of the curve
@@ -183,8 +184,9 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirecti
             unfinished: Path | None = None) -> ResponseCurve:
     """Return the forced response of `problem` over the range of `sweep`; `note` is told each point solved, Hz.
 
-    Nodes out of reach are left out, see `candidate_nodes`; where one turns out to touch, all is done again. Points are
-    kept in the file `unfinished` as they are found; where it is there, the curve goes on from them, to the same result.
+    Of faces that are symmetric one side is solved for, see `symmetry`. Nodes out of reach are left out, see
+    `candidate_nodes`; where one turns out to touch, all is done again. Points are kept in the file `unfinished` as they
+    are found; where it is there, the curve goes on from them, to the same result.
 
     Raises
     ------
@@ -193,7 +195,7 @@ def respond(problem: PeriodicProblem, sweep: Sweep, note: Callable[[SweepDirecti
     StoreError
         If the file cannot be read or written.
     """
-    checkpoint = Checkpoint(unfinished)
+    checkpoint, problem = Checkpoint(unfinished), halved(problem)
     nodes = candidate_nodes(problem, None) if checkpoint.saved is None else checkpoint.saved.nodes
     while True:
         face = Face.of(problem, nodes)

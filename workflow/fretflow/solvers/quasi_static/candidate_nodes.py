@@ -23,7 +23,7 @@ MARGIN = 0.25  # of the largest elastic indentation; a Hertzian contact is taken
 
 @dataclass(frozen=True)
 class PartOfFaces:
-    """A structure of which only some contact nodes can touch, the others being free of force (a `Structure`)."""
+    """A structure by the massless boundary of a part of its contact nodes (a `Structure`)."""
 
     whole: Structure
     boundary: MasslessBoundary
@@ -39,7 +39,7 @@ class PartOfFaces:
         return self.whole.linear
 
     def massless_boundary(self) -> MasslessBoundary:
-        """Return the structure with a massless contact of the nodes that can touch."""
+        """Return the structure with a massless contact of that part of the nodes."""
         return self.boundary
 
     def dynamic_stiffness(self, frequency: float, loads: Complex) -> DynamicStiffness:

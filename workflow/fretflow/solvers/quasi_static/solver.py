@@ -48,6 +48,7 @@ from fretflow.solvers.quasi_static.starts import (
     stuck_start,
     with_tangent,
 )
+from fretflow.solvers.quasi_static.symmetry import MirrorPlane
 from fretflow.solvers.time_integration import at_phase_zero
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -99,6 +100,7 @@ class QuasiStaticSolver:
         self.settlings = settlings
         self.takes_stalled = takes_stalled
         self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
+        self._kept_plane: tuple[tuple[object, ...], MirrorPlane | None] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period; where the tolerance is not coarse, its contact law is audited.
@@ -122,6 +124,22 @@ class QuasiStaticSolver:
         return replace(solution, error_estimate=abs(fine - rough) / max(fine, 1e-15))
 
     def _solve(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
+        """Solve for the nodes on one side of a plane of symmetry, where there is one."""
+        plane = self._plane(problem)
+        if plane is None or not plane.is_of(problem, start):
+            return self._solve_near(problem, samples, start)
+        near = None if start is None else plane.half_solution(start)
+        return plane.whole_solution(self._solve_near(plane.half(problem), samples, near))
+
+    def _plane(self, problem: PeriodicProblem) -> MirrorPlane | None:
+        """Return the plane of symmetry of structure and nodes: the last one where these are the same."""
+        made_of = problem.boundary, problem.interface.nodes, problem.interface.areas
+        kept = self._kept_plane
+        if kept is None or any(map(is_not, made_of, kept[0])):
+            self._kept_plane = kept = made_of, MirrorPlane.of(problem.boundary, problem.interface)
+        return kept[1]
+
+    def _solve_near(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         """Solve for the nodes within reach, and again for more of them if others turn out to touch."""
         nodes = candidate_nodes(problem, start)
         while not nodes.all():
