@@ -44,9 +44,9 @@ from fretflow.solvers.quasi_static.starts import (
     REPEATING,
     Settled,
     cold_starts,
+    corrected_on_patches,
     settled_starts,
     stuck_start,
-    with_tangent,
 )
 from fretflow.solvers.quasi_static.symmetry import MirrorPlane
 from fretflow.solvers.time_integration import at_phase_zero
@@ -245,9 +245,13 @@ class QuasiStaticSolver:
               marched: bool = False, settling: bool = True) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
-        first = tuple(with_tangent(problem, equations, march, one) for one in first)
         try:
             near = newton.best(iter(first), contact) if first else None
+            if near is not None and near.norm > self.settings.tolerance:
+                guess = corrected_on_patches(problem, equations, march, near)
+                if guess is not None:
+                    closer = newton.best(iter([guess]), SampleState.of(near.history))
+                    near = closer if closer.norm < near.norm else near
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
                 first = ()  # not twice
                 return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))

@@ -22,7 +22,7 @@ from fretflow.solvers.quasi_static.backbone import Backbone, find_arm
 from fretflow.solvers.quasi_static.internal import InternalEquations
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion, jenkins_rig_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.newton import InitialGuess, InternalNewton
+from fretflow.solvers.quasi_static.newton import InitialGuess, InternalNewton, Iterate
 from fretflow.solvers.quasi_static.patches import Patches
 from fretflow.solvers.quasi_static.sample import Array, SampleState
 from fretflow.solvers.time_integration import AtInstant, begin, march_periods
@@ -120,14 +120,22 @@ def _first_start(problem: PeriodicProblem, equations: InternalEquations, march: 
     return _backbone_start(problem, equations, march, rig)
 
 
-def with_tangent(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, guess: InitialGuess
-                 ) -> InitialGuess:
-    """Return a guess with the tangent that the joint's patches have there, where nodes are many and it has none."""
+def corrected_on_patches(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, near: Iterate
+                         ) -> InitialGuess | None:
+    """Return where a joint of patches goes from an iterate that is marched, with its tangent; None with few nodes.
+
+    What the patches miss of the contact's force there is added to theirs (full approximation scheme: A. Brandt, Math.
+    Comp. 31 (1977) 333-390): they are a model of what the force changes by.
+    """
     with suppress(NonConvergenceError):
-        if guess.tangent is None and (on_patches := _patches_newton(problem, equations, march)) is not None:
+        if (on_patches := _patches_newton(problem, equations, march)) is not None:
             newton, pressed = on_patches
-            return replace(guess, tangent=newton.tangent(newton.best(iter([InitialGuess(guess.seen)]), pressed)))
-    return guess
+            own = newton.best(iter([InitialGuess(near.seen)]), pressed)
+            missed = replace(equations, load=equations.load + near.felt - own.felt)
+            newton = InternalNewton(missed, newton.march, PATCHED * near.norm)
+            root, _ = newton.solve(iter([InitialGuess(near.seen, tangent=newton.tangent(own))]), pressed, MOST_STEPS)
+            return InitialGuess(root.seen, near.balance.other, near.history, newton.tangent(root))
+    return None
 
 
 def _patches_newton(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch
