@@ -169,7 +169,7 @@ def test_an_interruption_is_not_lost_in_a_library(answer, tmp_path):
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
         try:
-            _, error = process.communicate(timeout=10)
+            _, error = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
     assert error == "fretflow: interrupted; the same command goes on from what is complete\n"
