@@ -1,7 +1,6 @@
 """Diagnoses of the two recordings of a rig that an independent program made: nothing hidden, and friction that runs in.
 
-In both the friction coefficient is known (0.84; from 0.40 to 0.88), so that its interval is judged as well: by three
-standard deviations, as one recording may be that of ten which a 90 % interval misses.
+In both the friction coefficient is known (0.84; from 0.40 to 0.88), so that its interval is judged as well.
 """
 
 import json
@@ -12,7 +11,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from scipy.stats import norm
 
 pytestmark = [pytest.mark.real_data, pytest.mark.fem]
 ROOT = Path(__file__).parents[2]
@@ -72,11 +70,10 @@ def test_the_worn_depth_alone_tells_the_wear(recordings, tmp_path):
     assert any(note.startswith("loops: are not in the file") for note in diagnosis["warnings"])
 
 
-def test_friction_of_the_baseline_is_as_sure_as_its_interval_says(baseline, undriven):
+def test_friction_of_the_baseline_lies_within_its_interval(baseline, undriven):
     for diagnosis in (baseline[0], undriven):
         friction = diagnosis["parameters"]["contact.friction_coefficient"]
-        sd = 0.5 * (friction["high"] - friction["low"]) / norm.ppf(0.95)
-        assert friction["value"] == pytest.approx(0.84, abs=3.0 * sd)
+        assert friction["low"] < 0.84 < friction["high"]
 
 
 def test_run_in_is_named_and_predicts_what_was_held_out(recordings, tmp_path):

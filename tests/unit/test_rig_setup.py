@@ -17,7 +17,6 @@ from fretflow.experiments.rig.experiment import BASELINE, measured
 from fretflow.experiments.rig.model import DENSER
 from fretflow.experiments.rig.observation import from_zero, observe
 from fretflow.experiments.rig.setup import (
-    beyond,
     case_of,
     depth_error,
     errors_of,
@@ -274,17 +273,6 @@ def test_friction_that_scatters_is_no_motion_that_does_not_repeat_itself() -> No
         assert left.unsteady == is_motion
         assert np.array_equal(left.values, seen.values)
     assert not observe(plain).unsteady
-
-
-def test_what_a_parameter_makes_good_is_no_error_of_a_code():
-    random = np.random.default_rng(3)
-    slope, variance, other = random.standard_normal(40), random.uniform(0.5, 2.0, 40), random.standard_normal(40)
-    left = beyond(np.column_stack([3.0 * slope, other, other + slope]), slope, variance)
-    assert left[:, 0] == pytest.approx(0.0)
-    assert left[:, 1] == pytest.approx(left[:, 2])
-    best = np.linalg.lstsq(slope[:, None] / np.sqrt(variance)[:, None], other / np.sqrt(variance), rcond=None)[0]
-    assert left[:, 1] == pytest.approx(other - best * slope)
-    assert beyond(other[:, None], np.zeros(40), variance)[:, 0] == pytest.approx(other)
 
 
 def test_depths_have_the_finer_mesh_s_values_and_an_error_of_each_point() -> None:

@@ -28,7 +28,6 @@ from fretflow.experiments.rig.observation import measured_loops, observe
 from fretflow.experiments.rig.setup import (
     ELEMENTS,
     FRICTION,
-    beyond,
     case_of,
     depth_error,
     errors_of,
@@ -254,7 +253,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     slopes = np.nan_to_num(neighbours(model, first, [
         Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP),
         Hypothesis(damping=1.0 + STEP)]))
-    observation = observation.less_sure(np.zeros(len(plainly)), beyond(others, slopes[:, 2], observation.variance))
+    observation = observation.less_sure(np.zeros(len(plainly)), others)
     for one, other in pairwise(codes):
         observation = observation.less_sure(*depth_error(observation, one, other))
     observation = observation.scattering(slopes[:, 0])

@@ -234,13 +234,6 @@ def errors_of(observation: Observation, finer: Array, denser: Array, plain: Arra
     return known * mesh + sampled, modes
 
 
-def beyond(changes: Array, slope: Array, variance: Array) -> Array:
-    """Return what a parameter that makes a `slope` (M,) leaves of changes (M, k), each row of a `variance` (M,)."""
-    known = slope / variance
-    square = float(known @ slope)
-    return np.asarray(changes - slope[:, None] * (known @ changes / (square or 1.0)))
-
-
 def depth_error(observation: Observation, one: Array, other: Array) -> tuple[Array, Array]:
     """Return the variance (M,) and modes (M, any) of errors of the depths that no mesh resolves, in m^2 and m.
 
