@@ -48,14 +48,12 @@ def solve(monkeypatch, margin, first=None):
         return restrict(whole, nodes)
 
     restrict = reach.restrict
-    monkeypatch.setattr(reach, "MARGIN", margin)
-    monkeypatch.setattr("fretflow.solvers.quasi_static.solver.restrict", count)
-    if first is not None:
-        monkeypatch.setattr("fretflow.solvers.quasi_static.solver.candidate_nodes", lambda *_: first)
-    period = QuasiStaticSolver(SETTINGS).solve(problem())
-    monkeypatch.undo()
-    monkeypatch.setattr(MirrorPlane, "of", lambda *_: None)
-    return period, sizes
+    with monkeypatch.context() as patched:
+        patched.setattr(reach, "MARGIN", margin)
+        patched.setattr("fretflow.solvers.quasi_static.solver.restrict", count)
+        if first is not None:
+            patched.setattr("fretflow.solvers.quasi_static.solver.candidate_nodes", lambda *_: first)
+        return QuasiStaticSolver(SETTINGS).solve(problem()), sizes
 
 
 def same(a, b):

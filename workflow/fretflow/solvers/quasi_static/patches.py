@@ -33,9 +33,9 @@ class Patches:
     def of(cls, interface: Interface) -> Patches | None:
         """Return patches, `SIDE` along the longer extent of the faces; None where that makes none of several nodes."""
         low, extent = interface.nodes.min(axis=0), np.ptp(interface.nodes, axis=0)
-        sides = np.ceil(SIDE * extent / (extent.max() or 1.0) - 1e-9)
+        sides = np.maximum(np.ceil(SIDE * extent / (extent.max() or 1.0) - 1e-9), 1.0)
         share = (interface.nodes - low) / np.where(extent > 0.0, extent, 1.0)
-        row, column = np.minimum((share * sides).astype(np.intp), np.maximum(sides - 1, 0)).astype(np.intp).T
+        row, column = np.minimum(share * sides, sides - 1.0).astype(np.intp).T
         patches, of_node = np.unique(SIDE * row + column, return_inverse=True)
         return cls(of_node, interface.areas) if 1 < len(patches) <= interface.size / FEWEST else None
 
