@@ -230,7 +230,9 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
     cases = [case_of(recording, own, f"{own}-elements") for own in elements]
-    coarse, fine, linear = tools.statics([*cases, linear_case(cases[0])])
+    if observation.rows(block="map").any():
+        cases.append(linear_case(cases[0]))
+    coarse, fine, *linear = tools.statics(cases)
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
@@ -242,10 +244,10 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     untold = next(one.size for one in BASELINE if one.field == "compliance")
     asked = [_Prediction(one, Hypothesis()) for one in (finer, denser)]
     asked.append(_Prediction(model, Hypothesis(effects=(stiff_asperities(model.problem, untold),))))
-    asked.append(_Prediction(model.finer(linear), Hypothesis()))
+    asked += [_Prediction(model.finer(one), Hypothesis()) for one in linear]
     predicted = tools.pool(predict_task, asked)
     plainly = model.predict(first)
-    others, codes = np.column_stack(predicted[2:]) - plainly[:, None], [plainly, predicted[0], predicted[3]]
+    rough, codes = predicted[2] - plainly, [plainly, predicted[0], *predicted[3:]]
     if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples
         model, finer = model.twice_as_dense(), finer.twice_as_dense()
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
@@ -253,7 +255,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     slopes = np.nan_to_num(neighbours(model, first, [
         Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP),
         Hypothesis(damping=1.0 + STEP)]))
-    observation = observation.less_sure(np.zeros(len(plainly)), others)
+    observation = observation.less_sure(np.zeros(len(plainly)), rough[:, None])
     for one, other in pairwise(codes):
         observation = observation.less_sure(*depth_error(observation, one, other))
     observation = observation.scattering(slopes[:, 0])
