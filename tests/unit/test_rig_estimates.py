@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fretflow.experiments.rig.experiment import BASELINE
-from fretflow.experiments.rig.words import _estimate
+from fretflow.experiments.rig.words import _estimate, estimates
 from fretflow.inference.parameters import Parameters
 
 NOTHING: Any = SimpleNamespace()
@@ -43,3 +43,16 @@ def test_refitted_compliance_is_told_as_a_modulus_with_its_interval():
     assert estimate.low < estimate.value < estimate.high
     assert estimate.draws == pytest.approx([200e9, 200e9 / 1.1])
     assert (estimate.name, estimate.unit) == ("specimen.lower.youngs_modulus", "Pa")
+
+
+@pytest.mark.parametrize(("load_sd", "half"), [(0.0, 1.645 * 0.003), (0.004, 1.645 * 0.005)])
+def test_friction_is_known_no_better_than_the_load(load_sd, half):
+    """A product known to 0.3 % over a load known to 0.4 % is known to 0.5 %; the mass is none of that."""
+    space = Parameters.of([one for one in BASELINE if one.field in ("friction", "mass")], ())
+    sd = np.array([0.003, 0.01]) / [one.size for one in space.coordinates]
+    case: Any = SimpleNamespace(rig=SimpleNamespace(moving_mass=10.0))
+    rig: Any = SimpleNamespace(problem=SimpleNamespace(friction_coefficient=np.array([0.8])), wear_coefficient=1e-14)
+    friction, mass = estimates(case, rig, space, np.zeros(2), np.diag(sd**2), load_sd)
+    assert (friction.low, friction.high) == pytest.approx((0.8 * np.exp(-half), 0.8 * np.exp(half)), rel=1e-5)
+    assert mass.high == pytest.approx(10.0 * np.exp(1.645 * 0.01), rel=1e-4)
+    assert np.std(np.log(friction.draws)) == pytest.approx(half / 1.645, rel=0.1)

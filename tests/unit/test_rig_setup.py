@@ -23,6 +23,7 @@ from fretflow.experiments.rig.setup import (
     first_friction,
     first_wear,
     friction_from_energy,
+    load_calibration,
 )
 from fretflow.experiments.rig.simulation import Hypothesis
 from fretflow.inference.decision import Decision
@@ -86,6 +87,15 @@ def test_ringing_of_the_force_leaves_the_rubbed_friction_alone() -> None:
     ringing = replace(plain, loops=replace(plain.loops, channels=rung))
     assert friction_from_energy(ringing) == pytest.approx(FRICTION, rel=2e-3)
     assert first_friction(ringing) > 1.2 * FRICTION
+
+
+@pytest.mark.parametrize(("stated", "of_load"), [
+    ({}, 0.0), ({"friction_force": 0.004}, 0.004), ({"friction_force": 0.004, "normal_force": 0.01}, 0.01)])
+def test_the_load_is_known_as_its_gauge_or_that_of_the_force_is(stated: dict[str, float], of_load: float) -> None:
+    one = recorded()
+    assert one.loops is not None
+    assert load_calibration(replace(one, loops=replace(one.loops, calibration_sd=stated))) == of_load
+    assert load_calibration(replace(one, loops=None)) == 0.0
 
 
 def test_wear_coefficient_follows_from_volume_and_energy() -> None:

@@ -37,6 +37,7 @@ from fretflow.experiments.rig.setup import (
     friction_from_energy,
     is_seen,
     linear_case,
+    load_calibration,
     model_of,
     stiff_asperities,
     worn_as_much,
@@ -160,7 +161,8 @@ def _told(recording: Recording, case: Case, experiment: RigExperiment, search: S
     mean, covariance = search.evidence(decision.after).coordinates(search.prior(decision.after))
     return diagnosed(
         recording, decision, detection, sentence=sentence(decision, remainder, location, law) + words.in_doubt(doubted),
-        location=location, parameters=estimates(case, experiment.rig, after.parameters, mean, covariance),
+        location=location, parameters=estimates(
+            case, experiment.rig, after.parameters, mean, covariance, load_calibration(recording)),
         held_out=unseen.error, remainder=remainder, warnings=tuple(warnings),
         separating_measurement=words.next_measurement(law) if law is not None else separating(decision.rivals),
         residual_law=law, smallest_visible=smallest_visible(search) if decision.verdict is Verdict.NONE else {},
@@ -230,9 +232,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     """Return a recording under the engine and its first prediction."""
     observation = observe(recording)
     cases = [case_of(recording, own, f"{own}-elements") for own in elements]
-    if observation.rows(block="map").any():
-        cases.append(linear_case(cases[0]))
-    coarse, fine, *linear = tools.statics(cases)
+    coarse, fine, linear = tools.statics([*cases, linear_case(cases[0])])
     read = [reading(recording) for reading in (first_friction, friction_from_energy)]
     model, first = first_simulation([
         model_of(recording, observation, coarse.vary(friction_coefficient=friction),
@@ -244,10 +244,10 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     untold = next(one.size for one in BASELINE if one.field == "compliance")
     asked = [_Prediction(one, Hypothesis()) for one in (finer, denser)]
     asked.append(_Prediction(model, Hypothesis(effects=(stiff_asperities(model.problem, untold),))))
-    asked += [_Prediction(model.finer(one), Hypothesis()) for one in linear]
+    asked.append(_Prediction(model.finer(linear), Hypothesis()))
     predicted = tools.pool(predict_task, asked)
     plainly = model.predict(first)
-    rough, codes = predicted[2] - plainly, [plainly, predicted[0], *predicted[3:]]
+    others, codes = np.column_stack(predicted[2:]) - plainly[:, None], [plainly, predicted[0], predicted[3]]
     if is_seen(observation, predicted[1] - plainly):  # at other parameters kinks fall otherwise between the samples
         model, finer = model.twice_as_dense(), finer.twice_as_dense()
         first, predicted[0] = model.simulate(Hypothesis()), predict_task(_Prediction(finer, Hypothesis()))
@@ -255,7 +255,7 @@ def experiment_of(recording: Recording, elements: Sequence[int], tools: Diagnosi
     slopes = np.nan_to_num(neighbours(model, first, [
         Hypothesis(friction=1.0 + STEP), Hypothesis(mass=1.0 + STEP), Hypothesis(compliance=1.0 + STEP),
         Hypothesis(damping=1.0 + STEP)]))
-    observation = observation.less_sure(np.zeros(len(plainly)), rough[:, None])
+    observation = observation.less_sure(np.zeros(len(plainly)), others)
     for one, other in pairwise(codes):
         observation = observation.less_sure(*depth_error(observation, one, other))
     observation = observation.scattering(slopes[:, 0])

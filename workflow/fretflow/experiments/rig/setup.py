@@ -103,6 +103,15 @@ def friction_from_energy(recording: Recording) -> float:
     return float(np.clip(np.nanmedian(limit) / load, *FRICTION))
 
 
+def load_calibration(recording: Recording) -> float:
+    """Return the relative sd of what is known of the normal load: that of its gauge, or of the friction force's."""
+    loops = recording.loops
+    if loops is None:
+        return 0.0
+    stated = loops.calibration_sd
+    return stated.get("normal_force") or stated.get(loops.force_name, 0.0)
+
+
 def _energy(x: Array, force: Array) -> Array:
     """Return the dissipated energy (loops,) of displacements and forces (loops, N), J."""
     return np.asarray(np.abs(np.sum(force * 0.5 * (np.roll(x, -1, axis=1) - np.roll(x, 1, axis=1)), axis=1)))

@@ -70,9 +70,14 @@ def next_measurement(law: ResidualLaw) -> str:
             "recorded.")
 
 
-def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covariance: Array) -> tuple[Estimate, ...]:
-    """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance."""
-    return estimated(space, mean, covariance, partial(_estimate, case, rig))
+def estimates(case: Case, rig: RigModel, space: Parameters, mean: Array, covariance: Array, load_sd: float
+              ) -> tuple[Estimate, ...]:
+    """Return the baseline's parameters and those of effects, of coordinates with a mean (size,) and covariance.
+
+    Loops tell the product of friction and normal load, of which the latter is known to a relative `load_sd`.
+    """
+    widened = [load_sd / one.size if (one.effect, one.field) == ("", "friction") else 0.0 for one in space.coordinates]
+    return estimated(space, mean, covariance + np.diag(np.square(widened)), partial(_estimate, case, rig))
 
 
 def _estimate(case: Case, rig: RigModel, coordinate: Coordinate, z: float, half: float, draws: Array) -> Estimate:
