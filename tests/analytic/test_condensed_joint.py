@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fretflow.solvers.fourier import to_complex
+from fretflow.structure.mirror import MirrorPlane
 from fretflow.structure.reduction.reduced_specimen import ReducedSpecimen
 from fretflow.structure.two_mass_rig.compliant import with_springs
 from fretflow.structure.two_mass_rig.condensed import condensed
@@ -27,11 +28,12 @@ def rig_loads(harmonics, excitation, normal_load):
     return loads
 
 
-def specimen(seed):
+def specimen(seed, places=None):
     """Return a free body: nodes bound to each other by springs, lowest frequency held at its face 84 kHz."""
     rng = np.random.default_rng(seed)
     size = 3 * NODES + 6 + 3 + MODES
-    nodes = np.column_stack([rng.uniform(-1, 1, (NODES, 2)), np.zeros(NODES)]) * 5e-4
+    places = rng.uniform(-1, 1, (NODES, 2)) if places is None else places
+    nodes = np.column_stack([places, np.zeros(NODES)]) * 5e-4
     points = np.vstack([nodes, [0.0, 0.0, 1e-3]])
     moves = np.zeros((size, 3 * (NODES + 1)))  # motion of the points less that of the face, as one rigid body
     moves[:3 * NODES, :3 * NODES], moves[3 * NODES + 6:3 * NODES + 9, 3 * NODES:] = np.eye(3 * NODES), np.eye(3)
@@ -56,6 +58,24 @@ def specimen(seed):
 @pytest.fixture(scope="module")
 def joint():
     return RigJoint(upper=specimen(1), lower=specimen(2), rig=RIG)
+
+
+@pytest.fixture(scope="module")
+def mirrored():
+    """Return a joint that is symmetric about y = 0, as the mean of bodies and their mirror images is, and that plane.
+
+    Two nodes are images of each other, two lie on the plane.
+    """
+    places = np.array([[-1.0, -0.7], [-1.0, 0.7], [0.3, 0.0], [1.0, 0.0]])
+    signs = np.r_[np.tile([1.0, -1.0, 1.0], NODES + 1), -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, np.ones(MODES)]
+    dofs = np.r_[3:6, 0:3, 6:len(signs)]
+
+    def mean(matrix):
+        return 0.5 * (matrix + signs[:, None] * matrix[np.ix_(dofs, dofs)] * signs)
+
+    bodies = [replace(body, stiffness=mean(body.stiffness), mass=mean(body.mass))
+              for body in (specimen(1, places), specimen(2, places))]
+    return RigJoint(upper=bodies[0], lower=bodies[1], rig=RIG), MirrorPlane.through(places)
 
 
 def far(value, expected):
@@ -103,6 +123,32 @@ def test_the_massless_joint_is_condensed_exactly(joint):
     motions = [model.motion_amplitudes(100.0, 1e-6 * u, loads) for model in (given, condensed(given))]
     assert far(motions[1].upper_observation, motions[0].upper_observation) < 1e-12
     assert condensed(given).reaches(1e6, 100)
+
+
+@pytest.mark.parametrize("massless", [False, True])
+def test_one_side_of_a_symmetric_joint_moves_as_the_whole_does(mirrored, massless):
+    joint, plane = mirrored
+    joint = joint.quasi_static() if massless else joint
+    whole, half = condensed(joint), condensed(joint, plane)
+    assert (whole.plane, half.plane) == (None, plane)
+    loads, motion = rig_loads(3, *LOADS), 1e-6 * np.random.default_rng(0).normal(size=(7, 9))
+    motion = to_complex(plane.mean(plane.whole(motion)))  # nothing moves across the plane on it
+    of_all, of_half = whole.relative(100.0, loads), half.relative(100.0, loads)
+    force = of_all.apply(plane.whole(motion))
+    assert plane.is_symmetric(force)
+    assert far(of_half.apply(motion), plane.total(force)) < 1e-12
+    assert far(of_half.load, plane.total(of_all.load)) < 1e-9
+    ours, theirs = (model.motion_amplitudes(100.0, u, loads) for model, u in (
+        (half, motion), (whole, plane.whole(motion))))
+    for name in ("rig", "upper_observation", "lower_observation"):
+        assert far(getattr(ours, name), getattr(theirs, name)) < 1e-9, name
+    value, vector = np.linalg.eigh(of_all.real_part(0))
+    assert half.spectral_radius == pytest.approx(value[[plane.is_symmetric(one) for one in vector.T]].max(), rel=1e-9)
+
+
+def test_bodies_that_differ_across_the_plane_are_not_halved(joint, mirrored):
+    assert condensed(joint, mirrored[1]).plane is None
+    assert condensed(joint.quasi_static(), mirrored[1]).plane is None
 
 
 def test_the_first_harmonics_alone(joint):

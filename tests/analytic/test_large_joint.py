@@ -19,7 +19,7 @@ from fretflow.solvers.quasi_static.kept_factors import KeptFactors
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.patches import Patches
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.solvers.quasi_static.symmetry import MirrorPlane
+from fretflow.solvers.quasi_static.symmetry import OneSide
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -33,7 +33,7 @@ SIDE = 4  # patches along a side of seven nodes
 @pytest.fixture(autouse=True)
 def _all_nodes(monkeypatch):
     """Solve for all nodes of the faces, which are symmetric."""
-    monkeypatch.setattr(MirrorPlane, "of", lambda *_: None)
+    monkeypatch.setattr(OneSide, "of", lambda *_: None)
 
 
 def problem(force):

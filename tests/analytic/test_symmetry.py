@@ -12,8 +12,10 @@ import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.interface import Interface
 from fretflow.pipeline.problem import rig_problem
+from fretflow.solvers.dlft.solver import DlftSolver
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.solvers.quasi_static.symmetry import MirrorPlane
+from fretflow.solvers.quasi_static.symmetry import OneSide
+from fretflow.structure.mirror import MirrorPlane
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -53,7 +55,7 @@ def solve(given, start=None, whole=False):
         patched.setattr(QuasiStaticSolver, "_solve_near", lambda self, one, *rest: (
             sizes.append(one.interface.size), near(self, one, *rest))[1])
         if whole:
-            patched.setattr(MirrorPlane, "of", lambda *_: None)
+            patched.setattr(OneSide, "of", lambda *_: None)
         return QuasiStaticSolver(Solver(harmonics=15, samples=64, estimate_error=False)).solve(given, start), sizes
 
 
@@ -87,6 +89,23 @@ def test_what_differs_across_the_plane_is_not_halved(given):
     assert not np.allclose(period.force[:, IMAGE], SIGNS * period.force, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("given", "kept"), [
+    (problem(), True), (problem(45.0, gap=np.abs(ACROSS) + 0.3e-3 * GRID[:, 0]), True),
+    (problem(friction=0.8 + 1e6 * np.abs(ACROSS) * 0.2), True), (problem(gap=ACROSS), False)],
+    ids=["gross slip", "worn and tilted", "friction by place", "tilted across"])
+def test_dlft_solves_half_of_the_faces_where_they_are_alike(given, kept, monkeypatch):
+    settings = Solver(method="dlft", harmonics=5, samples=64, penalty="1e7 N/m", tolerance=1e-10)
+    solver = DlftSolver(settings)
+    half = solver.solve(given)
+    assert [one.plane is not None for one in solver._condensed.values()] == [kept]
+    again = solver.solve(given.vary(amplitude=1.01 * given.excitation.amplitude), half)
+    monkeypatch.setattr(MirrorPlane, "through", lambda *_: None)
+    whole = DlftSolver(settings).solve(given)
+    same(half, whole)
+    assert half.error_estimate == pytest.approx(whole.error_estimate, rel=1e-5)
+    same(again, DlftSolver(settings).solve(given.vary(amplitude=1.01 * given.excitation.amplitude), whole))
+
+
 def test_a_start_that_differs_across_the_plane_is_kept_whole():
     lopsided, _ = solve(problem(gap=ACROSS))
     assert solve(problem(), start=lopsided)[1] == [49]
@@ -95,8 +114,8 @@ def test_a_start_that_differs_across_the_plane_is_kept_whole():
 def test_symmetric_motions_take_as_much_work_on_half_the_nodes():
     """It is u K u = v K_h v and f G f = F G_h F of random symmetric motions and forces; G_h is the inverse of K_h."""
     given = problem()
-    plane = MirrorPlane.of(given.boundary, given.interface)
-    half, random = plane.half(given).boundary, np.random.default_rng(2)
+    side = OneSide.of(given.boundary, given.interface)
+    plane, half, random = side.plane, side.half(given).boundary, np.random.default_rng(2)
     moved = random.standard_normal((NODES, 3))
     moved = moved + SIGNS * moved[IMAGE]
     whole = given.boundary.stiffness
@@ -107,12 +126,12 @@ def test_symmetric_motions_take_as_much_work_on_half_the_nodes():
     on_half = np.where(plane.kept == plane.images, 1.0, 2.0)[:, None] * force[plane.kept]
     assert on_half.ravel() @ half.flexibility @ on_half.ravel() == pytest.approx(
         force.ravel() @ moved.ravel(), rel=1e-12)
-    assert plane.half(given).interface.areas.sum() == pytest.approx(given.interface.areas.sum())
+    assert side.half(given).interface.areas.sum() == pytest.approx(given.interface.areas.sum())
 
 
 def test_nodes_that_lie_nowhere_or_in_a_line_have_no_plane():
     given = problem()
     numbers = replace(given.interface, nodes=np.zeros((NODES, 2)))
-    assert MirrorPlane.of(given.boundary, numbers) is None
+    assert OneSide.of(given.boundary, numbers) is None
     line = replace(given.interface, nodes=GRID * [1.0, 0.0] + np.arange(NODES)[:, None] * [1.0, 0.0])
-    assert MirrorPlane.of(given.boundary, line) is None
+    assert OneSide.of(given.boundary, line) is None

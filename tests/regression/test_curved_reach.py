@@ -13,7 +13,7 @@ from fretflow.contact.law import ContactState
 from fretflow.pipeline.problem import rig_problem
 from fretflow.solvers.quasi_static import candidate_nodes as reach
 from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
-from fretflow.solvers.quasi_static.symmetry import MirrorPlane
+from fretflow.solvers.quasi_static.symmetry import OneSide
 from fretflow.structure.two_mass_rig.joint import QuasiStaticJoint
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -26,7 +26,7 @@ SETTINGS = Solver(harmonics=9, samples=64, estimate_error=False)
 @pytest.fixture(autouse=True)
 def _all_nodes(monkeypatch):
     """Solve for both sides of the faces, which are symmetric."""
-    monkeypatch.setattr(MirrorPlane, "of", lambda *_: None)
+    monkeypatch.setattr(OneSide, "of", lambda *_: None)
 
 
 def problem(force=75.0):

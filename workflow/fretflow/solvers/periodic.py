@@ -21,6 +21,7 @@ from fretflow.contact.interface import Interface, work_of_friction
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError
 from fretflow.core.records import Labelled, quantity, record
+from fretflow.structure.mirror import MirrorPlane, alike
 from fretflow.structure.sensors import HysteresisLoop
 from fretflow.structure.structure import NORMAL_LOAD, MasslessBoundary, Structure, stack_loads
 
@@ -170,6 +171,22 @@ class PeriodicProblem:
             raise InputError(f"friction coefficient: {np.size(self.law.friction_coefficient)} values for "
                              f"{self.interface.size} contact nodes; give one, or one for each")
 
+    def half(self, plane: MirrorPlane, structure: Structure) -> PeriodicProblem:
+        """Return the problem of the nodes on one side of a plane, each with the area of those that it stands for.
+
+        That of `structure` is a half of this one's, which all else is as symmetric as.
+        """
+        face, mu = self.interface, np.asarray(self.friction_coefficient)
+        law = replace(self.law, friction_coefficient=mu[plane.kept]) if mu.ndim else self.law
+        return replace(self, structure=structure, law=law, interface=Interface(
+            face.nodes[plane.kept], plane.times * face.areas[plane.kept], face.gap[plane.kept]))
+
+    def is_symmetric(self, plane: MirrorPlane) -> bool:
+        """Tell whether areas, gaps and friction are symmetric about a plane, whatever the structure is."""
+        face = self.interface
+        of_nodes = face.areas, face.gap, np.broadcast_to(self.friction_coefficient, face.size)
+        return all(alike(one[plane.kept], one[plane.images]) for one in of_nodes)
+
     @property
     def frequency(self) -> float:
         """Return the frequency of the excitation in Hz."""
@@ -307,6 +324,19 @@ class PeriodicSolution:
     def coordinates(self) -> dict[str, Labelled]:
         """Return what files tell the samples apart by."""
         return {"time": (("sample",), self.time, "s")}
+
+    def half(self, plane: MirrorPlane) -> PeriodicSolution:
+        """Return what it says of the nodes on one side of a plane, each with the forces of those that it stands for."""
+        return replace(self, displacement=self.displacement[:, plane.kept], state=self.state[:, plane.kept],
+                       force=plane.times[:, None] * self.force[:, plane.kept])
+
+    def whole(self, plane: MirrorPlane) -> PeriodicSolution:
+        """Return the solution of both sides from that of one."""
+        state = np.empty((len(self.state), plane.nodes), dtype=self.state.dtype)
+        state[:, plane.images] = state[:, plane.kept] = self.state
+        displacement, force = (plane.whole(one.reshape(len(one), -1)).reshape(len(one), -1, 3) for one in (
+            self.displacement, self.force / plane.times[:, None]))
+        return replace(self, displacement=displacement, state=state, force=force)
 
     @property
     def slip_increments(self) -> NDArray[np.float64]:

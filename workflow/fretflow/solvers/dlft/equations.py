@@ -59,7 +59,7 @@ class DlftEquations:
     load: NDArray[np.complex128] = quantity("N", "(H + 1, 3 n)")
     gap: NDArray[np.float64] = quantity("m", "(nodes,)")
     law: ContactLaw
-    penalty: float = quantity("N/m")
+    penalty: NDArray[np.float64] | float = quantity("N/m", "() or (nodes,)")
     samples: int
 
     def check(self) -> None:
@@ -70,7 +70,7 @@ class DlftEquations:
         InputError
             If the penalty is not positive or the samples cannot tell the harmonics apart.
         """
-        if not self.penalty > 0.0:
+        if not np.all(np.asarray(self.penalty) > 0.0):
             raise InputError(f"penalty = {self.penalty}: must be positive")
         if self.samples <= 2 * self.harmonics:
             raise InputError(f"samples = {self.samples}: too few for {self.harmonics} harmonics; "
@@ -108,6 +108,11 @@ class DlftEquations:
         """Return the equations that keep only the first harmonics, 0..`harmonics`."""
         return replace(self, stiffness=self.stiffness.up_to(harmonics), load=self.load[:harmonics + 1])
 
+    @property
+    def _penalties(self) -> NDArray[np.float64]:
+        """Return the penalty of each DOF (3 n,), N/m."""
+        return np.repeat(np.broadcast_to(self.penalty, len(self.gap)), 3)
+
     def apply_stiffness(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return Z u, real coefficients (2 H + 1, 3 n) in N."""
         return to_real(self.stiffness.apply(to_complex(u)))
@@ -115,7 +120,7 @@ class DlftEquations:
     def evaluate(self, u: NDArray[np.float64]) -> Evaluation:
         """Return the residual and the contact forces at `u`."""
         linear = self.apply_stiffness(u) - to_real(self.load)
-        drive = (self.synthesis @ (linear - self.penalty * u)).reshape(self.samples, -1, 3)
+        drive = (self.synthesis @ (linear - self._penalties * u)).reshape(self.samples, -1, 3)
         trial_normal = drive[:, :, 2] - self.penalty * self.gap
         normal = np.maximum(trial_normal, 0.0)
         limit = self.law.slip_limit(normal)
@@ -126,7 +131,7 @@ class DlftEquations:
 
     def contact_displacement(self, at: Evaluation) -> NDArray[np.float64]:
         """Return x (N, nodes, 3) in m: the displacement in time that obeys the contact law."""
-        return np.asarray((at.force - at.drive) / self.penalty)
+        return np.asarray((at.force - at.drive) / self._penalties.reshape(-1, 3))
 
     def force_derivative(self, at: Evaluation) -> NDArray[np.float64]:
         """Return D (nodes, 2 H + 1, 3, 2 H + 1, 3): coefficients of the contact force by those of `drive`."""
@@ -150,13 +155,13 @@ class DlftEquations:
         """
         derivative = self.force_derivative(at)
         nodes, q = len(derivative), len(self.analysis)
-        blocks = derivative.reshape(nodes, 3 * q, 3 * q)
+        blocks, penalties = derivative.reshape(nodes, 3 * q, 3 * q), self._penalties
 
         def apply(flat: NDArray[np.float64]) -> NDArray[np.float64]:
             v = flat.reshape(q, 3 * nodes)
             zv = self.apply_stiffness(v) if 3 * nodes < LARGE else to_real(
                 self._single.apply(to_complex(v).astype(np.complex64)))
-            drive = (zv - self.penalty * v).reshape(q, nodes, 3).transpose(1, 0, 2)
+            drive = (zv - penalties * v).reshape(q, nodes, 3).transpose(1, 0, 2)
             force = blocks @ drive.reshape(nodes, 3 * q, 1)
             return np.asarray((zv - force.reshape(nodes, q, 3).transpose(1, 0, 2).reshape(q, -1)).ravel())
 

@@ -51,18 +51,18 @@ class NodePreconditioner:
     stiffness
         Real parts of Z, (3 n, 3 n) in N/m at the first harmonic of each band.
     penalty
-        eps in N/m.
+        eps in N/m, () or (nodes,).
     before
         Another state's, of the same joint, whose factors are kept; else they are made.
     """
 
-    def __init__(self, derivative: NDArray[np.float64], stiffness: Sequence[Single], penalty: float,
-                 before: NodePreconditioner | None = None) -> None:
+    def __init__(self, derivative: NDArray[np.float64], stiffness: Sequence[Single],
+                 penalty: NDArray[np.float64] | float, before: NodePreconditioner | None = None) -> None:
         nodes, q = derivative.shape[:2]
         self._shape = (nodes, q)
         own = OWN_SHARE * stiffness[-1].reshape(nodes, 3, nodes, 3)[np.arange(nodes), :, np.arange(nodes)]
         single = derivative.astype(np.float32)
-        self._inverse, sliding = _node_inverses(single, own, np.float32(penalty))
+        self._inverse, sliding = _node_inverses(single, own, np.broadcast_to(np.float32(penalty), nodes))
         shares = _shares(self._inverse, sliding)
         size = np.abs(shares).max(axis=(0, 3)) * np.abs(own).max(axis=(1, 2))[:, None]
         free = np.flatnonzero((size > HELD).ravel())
@@ -110,13 +110,13 @@ def _rest(share: Single, matrix: Single, own: Single, free: NDArray[np.int64]) -
     return np.asarray(product.reshape(3 * nodes, -1)[free])
 
 
-def _node_inverses(derivative: Single, own: Single, penalty: np.float32) -> tuple[Single, Single]:
+def _node_inverses(derivative: Single, own: Single, penalty: Single) -> tuple[Single, Single]:
     """Return L^-1 and ``I - D``, (nodes, 3 q, 3 q)."""
     nodes, q = derivative.shape[:2]
     contact = derivative.reshape(nodes, 3 * q, 3 * q)
     sliding = np.eye(3 * q, dtype=np.float32) - contact
-    local = (sliding.reshape(nodes, 3 * q * q, 3) @ own).reshape(nodes, 3 * q, 3 * q) + penalty * contact
-    return np.linalg.inv(local), sliding  # type: ignore[return-value]  # NumPy's stubs know no single precision here
+    local = (sliding.reshape(nodes, 3 * q * q, 3) @ own).reshape(nodes, 3 * q, 3 * q) + penalty[:, None, None] * contact
+    return np.linalg.inv(local), sliding
 
 
 def _shares(inverse: Single, sliding: Single) -> Single:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import eigsh
 
 from fretflow.case.config import Solver
 from fretflow.contact.coulomb import audit_contact
@@ -24,8 +23,9 @@ from fretflow.solvers.dlft.equations import DenseStiffness, DlftEquations, Evalu
 from fretflow.solvers.fourier import analysis_matrix, to_complex, to_real
 from fretflow.solvers.newton import NewtonResult, solve_newton
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, refuse_unknown, structure_loads
+from fretflow.structure.mirror import MirrorPlane
 from fretflow.structure.structure import Structure
-from fretflow.structure.two_mass_rig.condensed import CondensedJoint, condensed
+from fretflow.structure.two_mass_rig.condensed import CondensedJoint, condensed, spectral_radius
 
 FIRST_LOAD_STEP, SMALLEST_LOAD_STEP = 0.25, 1e-3
 SMALLER_PENALTY = 0.1
@@ -40,7 +40,8 @@ class Variant(NamedTuple):
 
     harmonics: int
     samples: int
-    penalty: float | None
+    penalty: float | None  # N/m of a node by itself; by default the spectral radius of the static stiffness
+    softened: float = 1.0  # share of that penalty
 
 
 class DlftSolver:
@@ -52,7 +53,8 @@ class DlftSolver:
 
     def __init__(self, settings: Solver) -> None:
         self.settings = settings
-        self._joint: tuple[Structure, CondensedJoint | None] | None = None
+        self._structure: Structure | None = None
+        self._condensed: dict[bool, CondensedJoint | None] = {}  # by whether one side of it is wanted
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period.
@@ -64,10 +66,17 @@ class DlftSolver:
         AuditError
             If the contact forces violate the contact law.
         """
+        joint = self._joint(problem)
+        if joint is None or joint.plane is None:
+            return self._solve(problem, start, joint)
+        near = None if start is None else start.half(joint.plane)
+        return self._solve(problem.half(joint.plane, problem.structure), near, joint).whole(joint.plane)
+
+    def _solve(self, problem: PeriodicProblem, start: PeriodicSolution | None, joint: CondensedJoint | None
+               ) -> PeriodicSolution:
         settings = self.settings
         variant = Variant(settings.resolved_harmonics, settings.resolved_samples, settings.penalty)
         first = None if start is None else _coefficients(start.displacement, variant.harmonics)
-        joint = self._condensed(problem.structure)
         equations = build_equations(problem, variant, joint)
         root = solve_equations(equations, first, settings.tolerance, settings.max_iterations)
         _audit(equations, root.state)
@@ -76,19 +85,32 @@ class DlftSolver:
             return solution
         return replace(solution, error_estimate=self._error(problem, variant, equations, root.unknowns, joint))
 
-    def _condensed(self, joint: Structure) -> CondensedJoint | None:
-        """Return `joint` condensed; kept, because from one period to the next only loads and gaps change."""
-        if self._joint is None or self._joint[0] is not joint:
-            self._joint = (joint, condensed(joint))
-        return self._joint[1]
+    def _joint(self, problem: PeriodicProblem) -> CondensedJoint | None:
+        """Return the structure condensed, for one side of a plane that all is symmetric about where there is one.
+
+        It is kept, because from one period to the next only loads and gaps change.
+        """
+        if self._structure is not problem.structure:
+            self._structure = problem.structure
+            self._condensed.clear()
+        plane, harmonics = MirrorPlane.through(problem.interface.nodes), self.settings.resolved_harmonics
+        if plane is not None and problem.is_symmetric(plane):
+            joint = self._kept(plane)
+            if joint is not None and joint.reaches(problem.frequency, _finer(harmonics)):
+                return joint
+        return self._kept(None)
+
+    def _kept(self, plane: MirrorPlane | None) -> CondensedJoint | None:
+        if self._structure is not None and (plane is not None) not in self._condensed:
+            self._condensed[plane is not None] = condensed(self._structure, plane)
+        return self._condensed[plane is not None]
 
     def _error(self, problem: PeriodicProblem, variant: Variant, equations: DlftEquations,
                unknowns: NDArray[np.float64], joint: CondensedJoint | None) -> float:
         """Return the larger change of the sliding distance, or nan if a finer solution is out of reach."""
-        finer = 2 * variant.harmonics + 1
-        variants = (variant._replace(harmonics=finer, samples=max(variant.samples, 4 * finer),
-                                     penalty=equations.penalty),
-                    variant._replace(penalty=SMALLER_PENALTY * equations.penalty))
+        finer = _finer(variant.harmonics)
+        variants = (variant._replace(harmonics=finer, samples=max(variant.samples, 4 * finer)),
+                    variant._replace(softened=SMALLER_PENALTY))
         areas = problem.interface.areas
         base, changes = _sliding(equations, unknowns, areas), []
         for other in variants:
@@ -103,23 +125,22 @@ class DlftSolver:
         return max(changes)
 
 
-def spectral_radius(stiffness: NDArray[np.float64]) -> float:
-    """Return the largest eigenvalue of a symmetric stiffness, N/m: the penalty of Charleux et al. (2006)."""
-    first = np.random.default_rng(0).normal(size=len(stiffness))  # Lanczos from a fixed vector: repeatable
-    return float(eigsh(stiffness, k=1, which="LM", v0=first, return_eigenvectors=False)[0])
-
-
 def build_equations(problem: PeriodicProblem, variant: Variant,
                     joint: CondensedJoint | None = None) -> DlftEquations:
     """Return the DLFT equations; the penalty is by default the spectral radius of the static stiffness.
 
-    `joint` is the problem's in its condensed form, if at hand; otherwise it is made where there is one.
+    `joint` is the problem's in its condensed form, if at hand; otherwise it is made where there is one. A node that
+    stands for two has the penalty of both: its force is that of both.
     """
-    stiffness, load = _stiffness(problem, variant.harmonics, joint or condensed(problem.structure))
-    penalty = variant.penalty if variant.penalty is not None else spectral_radius(stiffness.real_part(0))
+    joint = joint or condensed(problem.structure)
+    stiffness, load = _stiffness(problem, variant.harmonics, joint)
+    penalty = variant.penalty
+    if penalty is None:
+        penalty = spectral_radius(stiffness.real_part(0)) if joint is None else joint.spectral_radius
+    times = 1.0 if joint is None or joint.plane is None else joint.plane.times
     refuse_unknown(problem, 'solver.method = "dlft"')
     return DlftEquations(stiffness=stiffness, load=load, gap=problem.interface.gap, law=problem.nodal_law,
-                         penalty=penalty, samples=variant.samples)
+                         penalty=variant.softened * penalty * times, samples=variant.samples)
 
 
 def _stiffness(problem: PeriodicProblem, harmonics: int,
@@ -180,6 +201,11 @@ def _softer_roots(equations: DlftEquations, start: NDArray[np.float64], max_iter
                                COARSE_TOLERANCE, max_iterations).unknowns
 
 
+def _finer(harmonics: int) -> int:
+    """Return how many harmonics tell what `harmonics` leave out."""
+    return 2 * harmonics + 1
+
+
 def padded(unknowns: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
     """Return coefficients (2 `harmonics` + 1, 3 n) that begin with `unknowns`, the rest being zero."""
     more = np.zeros((2 * harmonics + 1, unknowns.shape[1]))
@@ -231,7 +257,7 @@ def _audit(equations: DlftEquations, state: Evaluation) -> None:
     x = equations.contact_displacement(state)
     tangential = x[:, :, 0] + 1j * x[:, :, 1]
     slip = tangential - np.roll(tangential, 1, axis=0)
-    length = float(np.abs(state.force).max()) / equations.penalty
+    length = float(np.abs(state.force).max() / np.min(equations.penalty))
     audit_contact(equations.gap + x[:, :, 2], state.force, slip, state.limit, length)
 
 

@@ -48,7 +48,7 @@ from fretflow.solvers.quasi_static.starts import (
     settled_starts,
     stuck_start,
 )
-from fretflow.solvers.quasi_static.symmetry import MirrorPlane
+from fretflow.solvers.quasi_static.symmetry import OneSide
 from fretflow.solvers.time_integration import at_phase_zero
 from fretflow.structure.internal_forces import ShareOfForce
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -100,7 +100,7 @@ class QuasiStaticSolver:
         self.settlings = settlings
         self.takes_stalled = takes_stalled
         self._kept_equations: tuple[tuple[object, ...], InternalEquations] | None = None
-        self._kept_plane: tuple[tuple[object, ...], MirrorPlane | None] | None = None
+        self._kept_side: tuple[tuple[object, ...], OneSide | None] | None = None
 
     def solve(self, problem: PeriodicProblem, start: PeriodicSolution | None = None) -> PeriodicSolution:
         """Return the converged period; where the tolerance is not coarse, its contact law is audited.
@@ -125,18 +125,18 @@ class QuasiStaticSolver:
 
     def _solve(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:
         """Solve for the nodes on one side of a plane of symmetry, where there is one."""
-        plane = self._plane(problem)
-        if plane is None or not plane.is_of(problem, start):
+        side = self._one_side(problem)
+        if side is None or not side.is_of(problem, start):
             return self._solve_near(problem, samples, start)
-        near = None if start is None else plane.half_solution(start)
-        return plane.whole_solution(self._solve_near(plane.half(problem), samples, near))
+        near = None if start is None else start.half(side.plane)
+        return self._solve_near(side.half(problem), samples, near).whole(side.plane)
 
-    def _plane(self, problem: PeriodicProblem) -> MirrorPlane | None:
-        """Return the plane of symmetry of structure and nodes: the last one where these are the same."""
-        made_of = problem.boundary, problem.interface.nodes, problem.interface.areas
-        kept = self._kept_plane
+    def _one_side(self, problem: PeriodicProblem) -> OneSide | None:
+        """Return the plane that structure and nodes are symmetric about: the last one where these are the same."""
+        made_of = problem.boundary, problem.interface.nodes
+        kept = self._kept_side
         if kept is None or any(map(is_not, made_of, kept[0])):
-            self._kept_plane = kept = made_of, MirrorPlane.of(problem.boundary, problem.interface)
+            self._kept_side = kept = made_of, OneSide.of(problem.boundary, problem.interface)
         return kept[1]
 
     def _solve_near(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None) -> PeriodicSolution:

@@ -10,13 +10,16 @@ these few real matrices and a term of rank three.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse.linalg import eigsh
 
 from fretflow.core.records import quantity, record
+from fretflow.structure.mirror import MirrorPlane
 from fretflow.structure.reduction.reduced_specimen import OBSERVATION_DOFS, ReducedSpecimen
 from fretflow.structure.structure import Structure
 from fretflow.structure.two_mass_rig.joint import (
@@ -112,10 +115,21 @@ class CondensedJoint:
     rayleigh_mass: float = quantity("1/s")
     rayleigh_stiffness: float = quantity("s")
     rig: LumpedRig
+    plane: MirrorPlane | None = None  # that it is one side of, n being the nodes kept
 
     def reaches(self, frequency: float, harmonics: int) -> bool:
         """Return whether the polynomials hold up to that harmonic of `frequency` (Hz)."""
         return (2.0 * np.pi * frequency * harmonics) ** 2 <= self.scale
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """Return the largest eigenvalue of the static stiffness, the rig's with it, in N/m by node."""
+        static = self.relative(1.0, np.zeros((1, RIG_DOFS), dtype=complex)).real_part(0)
+        if self.plane is not None:  # a node that stands for two is as stiff as both
+            size = np.sqrt(np.repeat(self.plane.times, 3))
+            static /= size[:, None]
+            static /= size
+        return spectral_radius(static)
 
     def relative(self, frequency: float, loads: NDArray[np.complex128]) -> RelativeStiffness:
         """Return relative stiffness and load at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N."""
@@ -125,7 +139,7 @@ class CondensedJoint:
         levers = np.zeros((harmonics + 1, size, RIG_DOFS), dtype=complex)
         arm = _at(powers, self.lever)
         for t, term in enumerate(self.stiffness):
-            levers[:, :, 1:] += (powers[:, t] * damped)[:, None, None] * (term @ arm)
+            levers[:, :, 1:] += (powers[:, t] * damped)[:, None, None] * _product(term, arm)
         series = np.zeros((harmonics + 1, RIG_DOFS, RIG_DOFS), dtype=complex)
         series[:, :2, :2] = self.rig.impedance(_omegas(frequency, harmonics))
         series[:, 1:, 1:] += damped[:, None, None] * _at(powers, self.arm) + _transposed(arm) @ levers[:, :, 1:]
@@ -158,29 +172,54 @@ class CondensedJoint:
         return np.asarray(x[:, None] ** np.arange(len(self.stiffness))), damped
 
 
-def condensed(joint: Structure) -> CondensedJoint | None:
-    """Return `joint` condensed, or None where it has no such form: springs in series, bodies damped differently."""
+def spectral_radius(stiffness: NDArray[np.float64]) -> float:
+    """Return the largest eigenvalue of a symmetric stiffness, N/m: the penalty of Charleux et al. (2006)."""
+    first = np.random.default_rng(0).normal(size=len(stiffness))  # Lanczos from a fixed vector: repeatable
+    return float(eigsh(stiffness, k=1, which="LM", v0=first, return_eigenvectors=False)[0])
+
+
+def condensed(joint: Structure, plane: MirrorPlane | None = None) -> CondensedJoint | None:
+    """Return `joint` condensed, or None where it has no such form: springs in series, bodies damped differently.
+
+    Of a joint that is symmetric about a `plane` the nodes on one side alone are kept.
+    """
     if isinstance(joint, QuasiStaticJoint):
-        return _massless(joint)
+        return _massless(joint, plane)
     if isinstance(joint, RigJoint) and _damping(joint.upper) == _damping(joint.lower):
-        return _elastic(joint)
+        return _elastic(joint, plane)
     return None
 
 
-def _massless(joint: QuasiStaticJoint) -> CondensedJoint:
+def _massless(joint: QuasiStaticJoint, plane: MirrorPlane | None) -> CondensedJoint:
+    stiffness, motion = joint.stiffness, joint.motion
+    upper, lower = joint.upper_compliance, joint.lower_compliance
+    if plane is not None and not (plane.is_kept_by(stiffness) and plane.is_symmetric(motion.T)):
+        plane = None
+    if plane is not None:
+        stiffness, motion = plane.stiffness(stiffness), plane.mean(motion.T).T
+        upper, lower = plane.mean(upper), plane.mean(lower)
     return CondensedJoint(
-        stiffness=joint.stiffness[None], lever=-joint.motion[None], arm=np.zeros((1, 2, 2)),
-        upper_compliance=joint.upper_compliance[None], upper_lever=TRANSLATION[None].copy(),
-        lower_compliance=joint.lower_compliance[None], scale=float("inf"), rayleigh_mass=0.0, rayleigh_stiffness=0.0,
-        rig=joint.rig)
+        stiffness=stiffness[None], lever=-motion[None], arm=np.zeros((1, 2, 2)), upper_compliance=upper[None],
+        upper_lever=TRANSLATION[None].copy(), lower_compliance=lower[None], scale=float("inf"), rayleigh_mass=0.0,
+        rayleigh_stiffness=0.0, rig=joint.rig, plane=plane)
 
 
-def _elastic(joint: RigJoint) -> CondensedJoint:
+def _elastic(joint: RigJoint, plane: MirrorPlane | None) -> CondensedJoint:
     """Evaluate the bodies at Chebyshev nodes of x in [-scale, 0] and fit the polynomials through them."""
     lowest = min(joint.upper.full_frequencies.min(), joint.lower.full_frequencies.min())
     scale = float((2.0 * np.pi * REACH * lowest) ** 2)
     nodes = -0.5 * (1.0 - np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS))
-    values = [_bodies_at(joint, float(node) * scale) for node in nodes]
+    values = []
+    for node in nodes:
+        upper, seen = _free_of_inner(joint.upper, float(node) * scale, joint.upper.rigid.start + np.array([0, 2]))
+        lower, seen_below = _free_of_inner(joint.lower, float(node) * scale, np.zeros(0, dtype=np.int64))
+        if plane is not None:
+            c = len(lower)
+            if not (plane.is_kept_by(upper[:c, :c]) and plane.is_kept_by(lower) and plane.is_symmetric(upper[c:, :c])):
+                return _elastic(joint, None)
+            upper, seen = _half(upper, plane), _half_columns(seen, plane)
+            lower, seen_below = _half(lower, plane), _half_columns(seen_below, plane)
+        values.append(_bodies(upper, seen, lower, seen_below))
     fit = np.linalg.inv(np.vander(nodes, increasing=True))
 
     def terms(pick: Callable[[_Bodies], NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -190,7 +229,7 @@ def _elastic(joint: RigJoint) -> CondensedJoint:
         stiffness=terms(lambda v: v.stiffness), lever=terms(lambda v: v.lever), arm=terms(lambda v: v.arm),
         upper_compliance=terms(lambda v: v.upper_compliance), upper_lever=terms(lambda v: v.upper_lever),
         lower_compliance=terms(lambda v: v.lower_compliance), scale=scale, rig=joint.rig,
-        rayleigh_mass=joint.upper.rayleigh_mass, rayleigh_stiffness=joint.upper.rayleigh_stiffness)
+        rayleigh_mass=joint.upper.rayleigh_mass, rayleigh_stiffness=joint.upper.rayleigh_stiffness, plane=plane)
 
 
 class _Bodies(NamedTuple):
@@ -204,11 +243,10 @@ class _Bodies(NamedTuple):
     lower_compliance: NDArray[np.float64]
 
 
-def _bodies_at(joint: RigJoint, x: float) -> _Bodies:
-    face = joint.upper.rigid.start
-    upper, seen = _free_of_inner(joint.upper, x, np.array([face, face + 2]))
-    lower, seen_below = _free_of_inner(joint.lower, x, np.zeros(0, dtype=np.int64))
-    c = joint.upper.contact_size
+def _bodies(upper: NDArray[np.float64], seen: NDArray[np.float64], lower: NDArray[np.float64],
+            seen_below: NDArray[np.float64]) -> _Bodies:
+    """Return both at one x by their stiffness, that of the arm's x and z last, and what observation nodes move by."""
+    c = len(lower)
     across = upper[:c, c:]
     flexibility = invert_stiffness(upper[:c, :c], "contact stiffness of the upper specimen")
     lever = flexibility @ across
@@ -217,6 +255,26 @@ def _bodies_at(joint: RigJoint, x: float) -> _Bodies:
         stiffness=invert_stiffness(flexibility + flexibility_below, "relative flexibility"), lever=lever,
         arm=upper[c:, c:] - across.T @ lever, upper_compliance=seen[:, :c] @ flexibility,
         upper_lever=seen[:, c:] - seen[:, :c] @ lever, lower_compliance=seen_below @ flexibility_below)
+
+
+def _half(matrix: NDArray[np.float64], plane: MirrorPlane) -> NDArray[np.float64]:
+    """Return a stiffness of contact DOFs, and of others behind them, for the nodes on one side of a plane."""
+    c = 3 * plane.nodes
+    across = plane.total(matrix[c:, :c])
+    return np.block([[plane.stiffness(matrix[:c, :c]), across.T], [across, matrix[c:, c:]]])
+
+
+def _half_columns(rows: NDArray[np.float64], plane: MirrorPlane) -> NDArray[np.float64]:
+    """Return rows by contact DOFs, and by others behind them, for the nodes on one side of a plane."""
+    c = 3 * plane.nodes
+    return np.hstack([plane.total(rows[:, :c]), rows[:, c:]])
+
+
+def _product(matrix: NDArray[np.float64], stack: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return a real matrix (m, n) times each of a complex stack (K, n, c), reading the matrix once."""
+    k, n, c = stack.shape
+    columns = np.ascontiguousarray(stack.transpose(1, 0, 2)).reshape(n, k * c).view(float)
+    return np.asarray((matrix @ columns).view(complex).reshape(len(matrix), k, c).transpose(1, 0, 2))
 
 
 def _free_of_inner(body: ReducedSpecimen, x: float, face: NDArray[np.int64]
