@@ -5,8 +5,10 @@ volume follows dissipated energy, loops are those of points 1 mm from the interf
 """
 
 import json
+import os
 import re
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +16,10 @@ import pytest
 from fretflow import cli
 from fretflow.case.config import load_case
 from fretflow.core.store import read_record
+from fretflow.pipeline import response
 from fretflow.pipeline.results import RunResults
 from fretflow.pipeline.run_records import ForcedResponse, LoopSeries
+from fretflow.pipeline.stage import StageContext
 from fretflow.pipeline.stages import complete_stages
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.structure.fem.preload import Preload
@@ -92,6 +96,20 @@ def test_the_worn_joint_responds_otherwise(home):
     assert (unworn.cycles, worn.cycles) == (0, 20_000)
     assert worn.resonance != unworn.resonance
     assert worn.amplitude.max() != pytest.approx(unworn.amplitude.max(), rel=1e-6)
+
+
+def test_both_responses_at_once_are_bit_by_bit_those_one_after_the_other(home, tmp_path, monkeypatch):
+    inputs, told = complete_stages(home), []
+    monkeypatch.setattr(response, "WORTH_A_PROCESS", 0)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    context = StageContext(load_case(QUICK), tmp_path, inputs, lambda share, text: told.append(text))
+    figures = response.STAGE.run(context)
+    assert told == ["frequency stepping, unworn and worn"]
+    assert figures["worn_resonance_Hz"] == read_record(inputs["response"] / "worn.h5", ForcedResponse).resonance
+    for name in ("unworn", "worn"):
+        one, other = (read_record(folder / f"{name}.h5", ForcedResponse) for folder in (inputs["response"], tmp_path))
+        for field in fields(one):
+            assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
 
 def again(home, folder, old, new, until):

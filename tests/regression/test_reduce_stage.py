@@ -11,7 +11,6 @@ from fretflow.case.config import load_case
 from fretflow.core.errors import InputError, MeshError
 from fretflow.core.store import read_record
 from fretflow.pipeline import estimate, stages
-from fretflow.pipeline.ensemble import THREAD_VARIABLES
 from fretflow.pipeline.ranks import SIZE_VARIABLES
 from fretflow.pipeline.stage import StageContext
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
@@ -36,12 +35,6 @@ def worth(monkeypatch):
     """Call the smallest specimen worth a process, on a machine of two cores whose user limits no threads."""
     monkeypatch.setattr(stages, "WORTH_A_PROCESS", 1)
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1})
-    limit_threads(monkeypatch, "2")
-
-
-def limit_threads(monkeypatch, count):
-    for name in THREAD_VARIABLES:
-        monkeypatch.setenv(name, count)
 
 
 def context(meshed, folder):
@@ -53,7 +46,7 @@ def test_two_processes_give_the_bits_of_one(meshed, tmp_path, monkeypatch):
     both, alone = (context(meshed, tmp_path / name) for name in ("both", "alone"))
     assert stages._at_once(both) == 2
     figures = stages.REDUCE.run(both)
-    limit_threads(monkeypatch, "1")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     assert stages._at_once(alone) == 1
     assert stages.REDUCE.run(alone) == figures
     for side in stages.SIDES:

@@ -249,6 +249,12 @@ def threads_each(processes: int) -> int:
     return max(1, min([share, *asked]))
 
 
+def own_processes() -> int:
+    """Return how many processes a stage may start: one a core, or none where others share this one's work."""
+    alone = started_size() == 1 and multiprocessing.parent_process() is None
+    return len(os.sched_getaffinity(0)) if alone else 1
+
+
 def guarded(function: Callable[[T], R], argument: T) -> R:
     """Return ``function(argument)``; an error that could not travel back from a worker becomes one that can."""
     try:

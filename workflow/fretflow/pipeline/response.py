@@ -15,6 +15,7 @@ from fretflow.case.config import Case, PeriodicMethod, SlidingRegime
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.store import read_record, write_csv, write_record
 from fretflow.effects.model import EffectModel
+from fretflow.pipeline.ensemble import LocalPool, own_processes
 from fretflow.pipeline.problem import make_model
 from fretflow.pipeline.response_curves import sweep_of
 from fretflow.pipeline.run_records import ForcedResponse, LoopSeries, RunRecords
@@ -26,6 +27,7 @@ from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, Periodi
 from fretflow.solvers.quasi_static.backbone import BackboneSolver, has_backbone
 from fretflow.solvers.solve import make_solver
 
+WORTH_A_PROCESS = 100  # nodes: a response takes some 9 s at 121, of which a process that starts takes 2 s
 REFINEMENTS = 4  # halvings of the frequency step on both sides of the largest point
 
 
@@ -173,18 +175,28 @@ def _run(context: StageContext) -> Figures:
     states = {"unworn": (0, unworn), "worn": (int(history.cycles[-1]), worn)}
     if not history.depth[-1].any() and not model.effects:
         del states["worn"]
+    files = {name: context.folder / f"{name}.h5" for name in states}
+    left = [name for name, file in files.items() if not file.is_file()]  # all but those of an interrupted run
+    at_once = min(own_processes(), len(left)) if unworn.interface.size >= WORTH_A_PROCESS else 1
+    if at_once > 1:
+        context.progress(0.0, f"frequency stepping, {' and '.join(left)}")
+    with LocalPool(at_once) as pool:
+        pool(_write_response, [
+            (case, states[name], files[name], None if at_once > 1 else part(context, index, len(left), name))
+            for index, name in enumerate(left)])
     figures: dict[str, float | int | str | None] = {}
-    for index, (name, (cycles, problem)) in enumerate(states.items()):
-        file = context.folder / f"{name}.h5"
-        if file.is_file():  # of an interrupted run
-            response = read_record(file, ForcedResponse)
-        else:
-            response = _respond(case, problem, cycles, part(context, index, len(states), name))
-            write_record(file, response)
+    for name, file in files.items():
+        response = read_record(file, ForcedResponse)
         figures[f"{name}_resonance_Hz"] = response.resonance
         figures[f"{name}_points"] = len(response.frequency)
         figures[f"{name}_worst_error"] = response.worst[0]
     return figures
+
+
+def _write_response(call: tuple[Case, tuple[int, PeriodicProblem], Path, Callable[[float], None] | None]) -> None:
+    """Write the response of a case at a cycle count into a file, and tell of the progress where that is asked for."""
+    case, (cycles, problem), file, progress = call
+    write_record(file, _respond(case, problem, cycles, progress or (lambda share: None)))
 
 
 def _write_loops(folder: Path, run: RunRecords, problem: PeriodicProblem) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,9 +21,8 @@ from fretflow.core.plugins import FIGURES, MESHES, provided
 from fretflow.core.specimen_mesh import MeshSummary
 from fretflow.core.store import read_record, write_record
 from fretflow.pipeline import response
-from fretflow.pipeline.ensemble import LocalPool, threads_each
+from fretflow.pipeline.ensemble import LocalPool, own_processes
 from fretflow.pipeline.estimate import check_memory, reductions_at_once
-from fretflow.pipeline.ranks import started_size
 from fretflow.pipeline.stage import CASE_FILE, CHECKPOINTS, RUN_FILE, Figures, Manifest, Stage, StageContext, sum_of
 from fretflow.structure.reduction.reduced_specimen import ModeShapes, ReducedSpecimen
 
@@ -107,8 +105,7 @@ def _at_once(context: StageContext) -> int:
               for side in _reduced_sides(context.case)]
     fitting = reductions_at_once([3 * mesh.nodes for mesh in meshes])
     worth = min(3 * mesh.nodes for mesh in meshes) >= WORTH_A_PROCESS
-    alone = started_size() == 1 and multiprocessing.parent_process() is None
-    return min(fitting, threads_each(1)) if alone and worth else 1
+    return min(fitting, own_processes()) if worth else 1
 
 
 def _reduce_side(call: tuple[Case, str, Path, Path, Any]) -> Figures:

@@ -11,19 +11,20 @@ approximation for many frequencies and as a start for the full solution, not as 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.compiled import compiled
 from fretflow.core.errors import InputError, NonConvergenceError
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution, refuse_unknown
 from fretflow.solvers.quasi_static.internal import InternalEquations, seen_coordinates
 from fretflow.solvers.quasi_static.jenkins_start import jenkins_arm_motion
 from fretflow.solvers.quasi_static.march import ContactMarch
-from fretflow.solvers.quasi_static.sample import STICK, Array, SampleState
+from fretflow.solvers.quasi_static.sample import STICK, Array, SampleState, plain
 from fretflow.structure.structure import squeezed
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
@@ -35,6 +36,27 @@ STEADY = 1e-5  # change of the friction force in a step
 STEP_LENGTHS = (1.0, 0.5, 0.25, 0.125, 0.0625)
 MAX_ITERATIONS = 40
 TOLERANCE = 1e-4  # of the load; the kinks of single samples leave about a tenth of it
+
+
+@compiled
+def march_elements(stiffness: Array, limit: Array, arm: Array, forces: Array, since: NDArray[np.int64]) -> None:
+    """March Jenkins elements (M,) to their steady period; fill in their force (N,) and when each slid last (N, M)."""
+    samples = len(arm)
+    force, slid = np.empty(len(limit)), np.empty(len(limit), dtype=np.int64)
+    for m in range(len(limit)):
+        force[m] = min(max(-stiffness[m] * arm[samples - 1], -limit[m]), limit[m])
+        slid[m] = NEVER if abs(force[m]) < limit[m] else samples - 1
+    for step in range(2 * samples):  # the second period is steady: Masing's rule forgets the first loading
+        j = step % samples
+        moved, total = arm[j] - arm[j - 1], 0.0
+        for m in range(len(limit)):
+            trial = force[m] - stiffness[m] * moved
+            force[m] = min(max(trial, -limit[m]), limit[m])
+            if not abs(trial) < limit[m]:
+                slid[m] = j
+            total += force[m]
+            since[j, m] = slid[m]
+        forces[j] = total
 
 
 @dataclass(frozen=True)
@@ -79,17 +101,8 @@ class Backbone:
 
         `directions` (N, p) is the derivative of the positions.
         """
-        k, s = self.stiffness, self.limit
-        force = np.clip(-k * arm[-1], -s, s)
-        slid = np.where(np.abs(force) < s, NEVER, len(arm) - 1)  # when last
-        forces, since = np.empty(len(arm)), np.empty((len(arm), len(k)), dtype=np.int64)
-        moved = np.diff(arm, prepend=arm[-1])
-        for _ in range(2):  # the second period is steady: Masing's rule forgets the first loading
-            for j in range(len(arm)):
-                trial = force - k * moved[j]
-                force = np.minimum(np.maximum(trial, -s), s)
-                slid = np.where(np.abs(trial) < s, slid, j)
-                forces[j], since[j] = force.sum(), slid
+        forces, since = np.empty(len(arm)), np.empty((len(arm), len(self.limit)), dtype=np.int64)
+        march_elements(plain(self.stiffness), plain(self.limit), plain(arm), forces, since)
         return forces, self._tangent(since, directions)
 
     def _tangent(self, since: NDArray[np.int64], directions: Array) -> Array:
@@ -159,18 +172,25 @@ def find_arm(problem: PeriodicProblem, equations: InternalEquations, backbone: B
     NonConvergenceError
         If neither the guess, nor one Jenkins element, nor rest leads to them.
     """
-    stiffness, limit = float(backbone.stiffness.sum()), float(backbone.limit.sum())
-    guesses = [guess] if guess is not None else []
-    if isinstance(problem.boundary.internal, LumpedRig):
-        guesses.append(equations.analysis @ jenkins_arm_motion(
-            problem.boundary.internal, stiffness, limit, problem.excitation.amplitude, problem.frequency,
-            len(equations.synthesis)))
-    for start in (*guesses, np.zeros_like(equations.load)):
+    for start in _arms(problem, equations, backbone, guess):
         try:
             return backbone.solve(equations, start, TOLERANCE)
         except NonConvergenceError as error:
             failure = error
     raise failure
+
+
+def _arms(problem: PeriodicProblem, equations: InternalEquations, backbone: Backbone, guess: Array | None
+          ) -> Iterator[Array]:
+    """Yield guesses of the arm's coefficients."""
+    rig = problem.boundary.internal
+    if guess is not None:
+        yield guess
+    if isinstance(rig, LumpedRig):
+        yield equations.analysis @ jenkins_arm_motion(
+            rig, float(backbone.stiffness.sum()), float(backbone.limit.sum()), problem.excitation.amplitude,
+            problem.frequency, len(equations.synthesis))
+    yield np.zeros_like(equations.load)
 
 
 def has_backbone(problem: PeriodicProblem) -> bool:
