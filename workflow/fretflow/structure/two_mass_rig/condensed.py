@@ -123,13 +123,15 @@ class CondensedJoint:
 
     @cached_property
     def spectral_radius(self) -> float:
-        """Return the largest eigenvalue of the static stiffness, the rig's with it, in N/m by node."""
-        static = self.relative(1.0, np.zeros((1, RIG_DOFS), dtype=complex)).real_part(0)
-        if self.plane is not None:  # a node that stands for two is as stiff as both
-            size = np.sqrt(np.repeat(self.plane.times, 3))
-            static /= size[:, None]
-            static /= size
-        return spectral_radius(static)
+        """Return the largest eigenvalue of the static stiffness by node in N/m.
+
+        Of one side that is with the rig held: where specimens are alike, turned over, antisymmetric motions, which the
+        rig does not feel, are as stiff, and the value is that of both sides.
+        """
+        if self.plane is None:
+            return spectral_radius(self.relative(1.0, np.zeros((1, RIG_DOFS), dtype=complex)).real_part(0))
+        size = np.sqrt(np.repeat(self.plane.times, 3))  # a node that stands for two is as stiff as both
+        return spectral_radius(self.stiffness[0] / size / size[:, None])
 
     def relative(self, frequency: float, loads: NDArray[np.complex128]) -> RelativeStiffness:
         """Return relative stiffness and load at the harmonics of `frequency` (Hz) under loads (H + 1, 3) in N."""
