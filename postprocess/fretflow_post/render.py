@@ -12,6 +12,7 @@ from fretflow.case.config import Output
 from fretflow.core.errors import InputError, did_you_mean
 from fretflow.core.specimen_mesh import MeshGeometry
 from fretflow.core.store import read_record
+from fretflow.pipeline.ensemble import LocalPool, own_processes
 from fretflow.pipeline.run_records import SIDES, RunRecords
 from fretflow.solvers.periodic import PeriodicSolution
 from fretflow.wear.archard import split_between_faces
@@ -83,19 +84,24 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     StoreError
         If a result file is missing or damaged.
     """
-    require_offscreen()
+    require_offscreen()  # of the processes that draw as well
     run = DrawnRun(folders, output or Output())
     check_names(run.output)
-    files: list[Path] = []
-    with style.saved_as(run.output.figure_formats):
-        for name, draw in _pictures(run):
-            if run.output.figures is None or name in run.output.figures:
-                drawn = draw(out / f"{name}.png")
-                files += [drawn] if isinstance(drawn, Path) else drawn
+    names = [name for name, _ in _pictures(run) if run.output.figures is None or name in run.output.figures]
+    with style.saved_as(run.output.figure_formats), LocalPool(own_processes()) as pool:
+        files = [file for drawn in pool(_draw, [(run, name, out) for name in names]) for file in drawn]
     further = run.output.figure_formats[1:]
     files += [file.with_suffix(f".{suffix}") for file in files for suffix in further
               if file.suffix == f".{run.output.figure_formats[0]}"]
     return sorted(files, key=lambda path: path.suffix[1:] not in style.METADATA)
+
+
+def _draw(call: tuple[DrawnRun, str, Path]) -> list[Path]:
+    """Draw one picture of a run into a folder; return its files."""
+    run, wanted, out = call
+    with style.saved_as(run.output.figure_formats):
+        drawn = next(draw for name, draw in _pictures(run) if name == wanted)(out / f"{wanted}.png")
+    return [drawn] if isinstance(drawn, Path) else drawn
 
 
 def _pictures(run: DrawnRun) -> Iterator[tuple[str, Draw]]:

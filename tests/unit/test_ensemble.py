@@ -104,6 +104,14 @@ def test_noise_on_stdout_does_not_spoil_an_answer(workers, calls):
     assert outcomes(calls.chatter, ["well"], workers) == ["well"]
 
 
+def test_an_error_ends_the_calls_under_way_and_leaves_the_rest_out(tmp_path):
+    """The pool ends at once after it, with no error of its own: a cancelled call is none that died."""
+    files = [tmp_path / f"{k}" for k in range(200)]
+    with pytest.raises(FileNotFoundError), LocalPool(2) as pool:
+        pool(Path.touch, [tmp_path / "no folder" / "file", *files])
+    assert len(list(tmp_path.iterdir())) < 200
+
+
 def test_processes_that_stay_return_values_in_order_and_errors_that_travel(calls):
     with LocalPool(2) as pool:
         seen = {pid for _ in range(4) for pid in pool(operator.call, [os.getpid] * 4)}

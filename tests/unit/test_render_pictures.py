@@ -43,7 +43,7 @@ def _offscreen():
 
 @pytest.fixture
 def figures(monkeypatch):
-    """Keep every figure that is saved, by file name."""
+    """Keep every figure that is saved, by file name; all are drawn in this process, where they are seen."""
     kept = {}
     save = style.save_figure
 
@@ -52,6 +52,7 @@ def figures(monkeypatch):
         return save(figure, path)
 
     monkeypatch.setattr(style, "save_figure", keep)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     return kept
 
 

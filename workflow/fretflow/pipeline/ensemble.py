@@ -16,7 +16,7 @@ import signal
 import sys
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -166,11 +166,28 @@ class LocalPool:
         if self._executor is None:
             self._stack.enter_context(self._arrays)
             self._executor = self._stack.enter_context(_executor(Workers(jobs=self.processes), self.processes))
+        executor = cast(Executor, self._executor)
         try:
-            packed = map(self._arrays.pack, arguments)
-            return list(cast(Executor, self._executor).map(functools.partial(_unpacked, function), packed))
+            futures = [executor.submit(_unpacked, function, self._arrays.pack(argument)) for argument in arguments]
+            return _values(futures)
         except BrokenExecutor as error:
             raise PlatformError("a process died (killed, or out of memory); try again with fewer at a time") from error
+
+
+def _values(futures: Sequence[Future[R]]) -> list[R]:
+    """Return the values of calls; where one fails, those under way end before that is raised, and others never begin.
+
+    A pool whose processes are ended while calls are cancelled ends with an error of its own (`InvalidStateError`).
+    """
+    try:
+        return [future.result() for future in futures]
+    except BrokenExecutor:
+        raise
+    except Exception:
+        for future in futures:
+            future.cancel()
+        wait(futures)
+        raise
 
 
 class _Arrays:
