@@ -78,7 +78,7 @@ def test_the_estimate_is_what_was_measured():
     """Peak memory of a period at 1,681 nodes less that of the bare process, `growth.md`, and of a reduction."""
     rows = [[cell.strip() for cell in line.strip("|").split("|")]
             for line in (ROOT / "benchmarks" / "growth.md").read_text().splitlines() if "| 1681 |" in line]
-    assert {row[0] for row in rows} == {"reduction, one specimen", "dlft", "quasi-static"}
+    assert {row[0] for row in rows} == {"reduction, one specimen", "dlft", "dlft, all nodes", "quasi-static"}
     for what, harmonics, nodes, _, _, measured, size, *_ in rows:
         if what.startswith("reduction"):
             bare, each = estimate.REDUCING
@@ -86,6 +86,9 @@ def test_the_estimate_is_what_was_measured():
             continue
         count = estimate.SOLVED + (estimate.BY_HARMONIC * int(harmonics) if harmonics else 0.0)
         estimated = count * 8.0 * (3.0 * int(nodes)) ** 2 / 2**20
+        if what == "dlft":  # of one side of symmetric faces, which nobody knows before they are made
+            assert float(measured) < 0.6 * estimated
+            continue
         assert estimated == pytest.approx(float(measured) - 190.0, rel=0.25), what
 
     sampled = [[float(cell) for cell in line.strip("|").split("|")]
