@@ -26,6 +26,7 @@ from fretflow_post.offscreen import require_offscreen
 from fretflow_post.period import plot_period
 from fretflow_post.specimens import MeshedSpecimen
 
+WORTH_A_PROCESS = 3  # pictures, which take as long as a process to start
 PANELS = 4  # pairs of worn faces on one picture
 NAMES = ("specimens", "contact_closeup", "modes", "mode_shapes", "pressure", "stick_slip_unworn", "stick_slip_worn",
          "loops", "period", "wear_depth", "wear_shape", "wear_volume", "response", "paraview")
@@ -88,7 +89,8 @@ def render_run(folders: Mapping[str, Path], out: Path, output: Output | None = N
     run = DrawnRun(folders, output or Output())
     check_names(run.output)
     names = [name for name, _ in _pictures(run) if run.output.figures is None or name in run.output.figures]
-    with style.saved_as(run.output.figure_formats), LocalPool(own_processes()) as pool:
+    processes = min(own_processes(), len(names) // WORTH_A_PROCESS)
+    with style.saved_as(run.output.figure_formats), LocalPool(processes) as pool:
         files = [file for drawn in pool(_draw, [(run, name, out) for name in names]) for file in drawn]
     further = run.output.figure_formats[1:]
     files += [file.with_suffix(f".{suffix}") for file in files for suffix in further
