@@ -69,14 +69,14 @@ def diagnose(recording: Recorded | Path | str, *, fast: bool = False,
     >>> diagnosis.to_html("report.html")  # doctest: +SKIP
     """
     from fretflow.experiments.tools import DiagnosisTools
-    from fretflow.pipeline.ensemble import LocalPool
+    from fretflow.pipeline.ensemble import LocalPool, own_processes
     from fretflow.recordings.kinds import kinds, read_recording
 
     given = Path(recording) if isinstance(recording, str) else recording
     if isinstance(given, Path) and not given.exists():
         raise InputError(f"{given}: there is no such folder or file; give a folder with a {FILE}")
     began, tell = monotonic(), Stages(progress or (lambda share, text: None))
-    with tempfile.TemporaryDirectory() as scratch, LocalPool(len(os.sched_getaffinity(0))) as pool:
+    with tempfile.TemporaryDirectory() as scratch, LocalPool(own_processes()) as pool:
         models = kept_models(Path(scratch) if home is None else home)
         tell(0.0, "reading")
         recorded = read_recording(given) if isinstance(given, Path) else given

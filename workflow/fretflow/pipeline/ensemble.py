@@ -267,7 +267,7 @@ def threads_each(processes: int) -> int:
 
 
 def own_processes() -> int:
-    """Return how many processes a stage may start: one a core, or none where others share this one's work."""
+    """Return how many processes may work at once here: one a core, or this one alone where others share its work."""
     alone = started_size() == 1 and multiprocessing.parent_process() is None
     return len(os.sched_getaffinity(0)) if alone else 1
 
