@@ -206,6 +206,23 @@ def test_tangent_is_exact_though_the_period_need_not_repeat_closely(stroke):
     assert tangent == pytest.approx(differences, abs=1e-4 * np.abs(differences).max())
 
 
+def test_a_tangent_repeats_by_itself_and_not_by_what_a_period_before_ended_with():
+    """Where all slide for some samples, forces forget what was before; the directions of sliding do later."""
+    samples, harmonics = 64, 5
+    synthesis = synthesis_matrix(harmonics, samples)
+    arm = synthesis[:, [1, 2, 6]] @ np.array([0.5, 0.02, 0.05]) * 4.46e-6
+
+    def march(position, directions):
+        marching = ContactMarch.of(problem(1.0, DOME), ARM)
+        return marching.period(position[:, None], directions[:, None], marching.preloaded(), None, 1e-8, 1e-5)
+
+    marched, none = march(arm, synthesis), np.zeros((samples, 0))
+    direction = np.random.default_rng(3).normal(size=2 * harmonics + 1)
+    plus, minus = (friction(march(arm + h * synthesis @ direction, none)) for h in (1e-12, -1e-12))
+    differences = (plus - minus) / 2e-12
+    assert marched.tangent[:, 0] @ direction == pytest.approx(differences, abs=1e-3 * np.abs(differences).max())
+
+
 @pytest.mark.parametrize("stroke", [3.0e-6, 3.4e-6, 3.8e-6])
 def test_a_period_is_the_same_with_what_another_taught_of_the_memory(stroke):
     """How a period's end follows its start is kept from motion to motion; only the periods needed may differ."""

@@ -203,7 +203,8 @@ def _cycle_of(problem: PeriodicProblem | CycleModel[Any], effects: Iterable[Effe
 
     if not isinstance(problem, PeriodicProblem):
         return problem
-    return PeriodicCycle(solver or QuasiStaticSolver(Solver(estimate_error=False)), problem, effects)
+    solver = solver or QuasiStaticSolver(Solver(estimate_error=False), keeps_tangents=True)
+    return PeriodicCycle(solver, problem, effects)
 
 
 def _normal_flexibility(problem: PeriodicProblem) -> NDArray[np.float64]:

@@ -233,8 +233,9 @@ def _wear(context: StageContext) -> Figures:
     case = context.case
     history = march_wear(
         make_problem(case, context.inputs["reduce"]), Archard(case.wear.coefficient, upper_share=case.wear.upper_share),
-        case.test.total_cycles, effects=parse_effects(case.effects), solver=make_solver(case.solver),
-        folder=context.folder / CHECKPOINTS, scheme=case.wear.scheme, stops=_stops(case), tolerance=case.wear.tolerance,
+        case.test.total_cycles, effects=parse_effects(case.effects),
+        solver=make_solver(case.solver, keeps_tangents=True), folder=context.folder / CHECKPOINTS,
+        scheme=case.wear.scheme, stops=_stops(case), tolerance=case.wear.tolerance,
         max_depth_per_jump=case.wear.max_depth_per_jump, vanishing_rate=case.wear.vanishing_rate,
         progress=lambda done, asked: context.progress(done / max(asked, 1), f"{done:,} of {asked:,} cycles"))
     write_record(context.folder / "history.h5", history)

@@ -295,6 +295,7 @@ class PeriodicSolution:
     """One steady period on N equidistant samples, ``t_j = j T / N``.
 
     `error_estimate` is the relative error of the sliding distance, from a finer solution; nan when none was made.
+    `tangent` is None where the solver keeps none.
 
     Examples
     --------
@@ -313,6 +314,9 @@ class PeriodicSolution:
     friction_force: NDArray[np.float64] = quantity("N", "(N,), x force of the upper specimen on the lower")
     residual_history: tuple[float, ...] = quantity("1", "(iterations,), relative to the excitation")
     error_estimate: float = quantity("1")
+    tangent: NDArray[np.float64] | None = quantity(
+        "N/m", "(n_a, n_a), of the contact's force by the harmonics of what it sees, to begin from", default=None,
+        repr=False)
 
     @property
     def time(self) -> NDArray[np.float64]:

@@ -16,10 +16,13 @@ from fretflow.solvers.quasi_static.solver import QuasiStaticSolver
 from fretflow.solvers.stability import is_stable
 
 
-def make_solver(settings: Solver, estimate_error: bool = False) -> PeriodicSolver:
-    """Return the solver that `settings` ask for; only a single period is worth an estimate of its error."""
+def make_solver(settings: Solver, estimate_error: bool = False, keeps_tangents: bool = False) -> PeriodicSolver:
+    """Return the solver that `settings` ask for; only a single period is worth an estimate of its error.
+
+    One of many neighbours in turn `keeps_tangents`, see `QuasiStaticSolver`.
+    """
     own = settings.model_copy(update={"estimate_error": estimate_error and settings.estimate_error})
-    return DlftSolver(own) if own.method is PeriodicMethod.DLFT else QuasiStaticSolver(own)
+    return DlftSolver(own) if own.method is PeriodicMethod.DLFT else QuasiStaticSolver(own, keeps_tangents)
 
 
 def solve_periodic(problem: PeriodicProblem, method: str = "quasi-static", *, start: PeriodicSolution | None = None,

@@ -275,8 +275,10 @@ class ContactMarch:
             last = drift if shot else np.inf
             # the first loading is a poor guess of the way back: there the sample before serves better
             near = None if guess is None and period == 1 else run.history
+            # a derivative that starts elsewhere has to end there by itself: the last period's ends where that began
+            same = run if waits or not slope.shape[1] else None
             try:
-                run = self._pass(position, forcing, before, slope, near, run)
+                run = self._pass(position, forcing, before, slope, near, same)
             except NonConvergenceError:
                 if waits:
                     raise

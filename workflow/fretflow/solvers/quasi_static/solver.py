@@ -14,7 +14,7 @@ forces, then the excitation, are raised from nothing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import chain
 from operator import is_not
 from typing import Any, Protocol
@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from fretflow.contact.interface import Interface
 from fretflow.core.errors import NonConvergenceError
-from fretflow.core.records import quantity, record
 from fretflow.solvers.audit import audit_period
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.candidate_nodes import (
@@ -75,22 +74,15 @@ class _Settings(Protocol):
     def estimate_error(self) -> bool: ...
 
 
-@record
-class PeriodWithTangent(PeriodicSolution):
-    """A period with the last derivative of the contact's force, for its neighbours to begin from."""
-
-    tangent: NDArray[np.float64] = quantity("N/m", "(n_a, n_a), by the coefficients of the coordinates that it sees")
-
-
 class QuasiStaticSolver:
     """Solves periodic problems true to time integration (``docs/theory/periodic.md``).
 
-    Where it `keeps_tangents`, the periods that it returns are `PeriodWithTangent`. What begins from one is solved in
-    two thirds of the time, and within its tolerance depends on where it began. A rig's period that Newton loses near
-    another one is sought where the motion settles in time, unless that was in vain as often as `settlings` says, as it
-    takes longest: whoever can take a shorter step need not, and what is not found there is seldom found a step before.
-    Where kinks fall between the samples, these may leave no root: it `takes_stalled` residuals of ten times the
-    tolerance, for which that has to be well below what the samples miss.
+    Where it `keeps_tangents`, a rig's period has its last one: what begins from it is solved in half the time, and
+    within its tolerance depends on where it began. A rig's period that Newton loses near another one is sought where
+    the motion settles in time, unless that was in vain as often as `settlings` says, as it takes longest: whoever can
+    take a shorter step need not, and what is not found there is seldom found a step before. Where kinks fall between
+    the samples, these may leave no root: it `takes_stalled` residuals of ten times the tolerance, for which that has to
+    be well below what the samples miss.
     """
 
     def __init__(self, settings: _Settings, keeps_tangents: bool = False, settlings: float = np.inf,
@@ -254,25 +246,23 @@ class QuasiStaticSolver:
                     near = closer if closer.norm < near.norm else near
             if near is not None and near.norm < 1.0:  # closer to balance than rest is
                 first = ()  # not twice
-                return self._kept(problem, equations, newton.refine(near, self.settings.max_iterations))
+                return self._kept(problem, equations, *newton.refine(near, self.settings.max_iterations))
         except NonConvergenceError as error:
             if not settling or self.settlings <= 0:
                 raise
             try:  # across a play, or beyond a fold of the response
-                return self._kept(problem, equations, self._where_it_settles(
+                return self._kept(problem, equations, *self._where_it_settles(
                     problem, equations, march, start, error, ringing=False))
             except NonConvergenceError:
                 self.settlings -= 1
-        return self._kept(problem, equations, newton.solve(
+        return self._kept(problem, equations, *newton.solve(
             chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
 
-    def _kept(self, problem: PeriodicProblem, equations: InternalEquations,
-              root_and_history: tuple[Iterate, tuple[float, ...]]) -> PeriodicSolution:
-        """Return the period of a root, with its tangent where there is one and these are kept."""
-        period, tangent = _solution(problem, equations, *root_and_history), root_and_history[0].tangent
-        if not self.keeps_tangents or tangent is None:
-            return period
-        return PeriodWithTangent(**{one.name: getattr(period, one.name) for one in fields(period)}, tangent=tangent)
+    def _kept(self, problem: PeriodicProblem, equations: InternalEquations, root: Iterate, history: tuple[float, ...]
+              ) -> PeriodicSolution:
+        """Return the period of a root, with its tangent where these are kept."""
+        period = _solution(problem, equations, root, history)
+        return replace(period, tangent=root.tangent) if self.keeps_tangents else period
 
 
 def _not_found(error: NonConvergenceError, settled: Settled | None) -> NonConvergenceError:
@@ -295,7 +285,7 @@ def _beginning(problem: PeriodicProblem, equations: InternalEquations, march: Co
         return march.preloaded(problem.preload.frictional), ()
     near = _as_history(start, equations.seen, samples)
     other = equations.coefficients(_resample(start.internal, samples)[:, equations.other])
-    tangent = start.tangent if isinstance(start, PeriodWithTangent) else None
+    tangent = start.tangent
     if tangent is not None and tangent.shape != equations.impedance.shape:
         tangent = None  # of other harmonics
     return SampleState.of(near), (InitialGuess(equations.coefficients(near.position), other, near, tangent),)
