@@ -21,11 +21,12 @@ from fretflow.experiments.rig.experiment import RigExperiment, hypothesis, resen
 from fretflow.experiments.rig.model import DENSER, SAMPLES, RigModel
 from fretflow.experiments.rig.setup import first_simulation
 from fretflow.experiments.rig.simulation import Hypothesis
-from fretflow.inference.beginnings import beginnings_task
+from fretflow.inference.beginnings import begin_task, beginnings_task, elsewhere, is_untold
 from fretflow.inference.corrections import correct
 from fretflow.inference.experiment import Point
 from fretflow.inference.least_squares import Fitter
-from fretflow.inference.search import Effort, Search
+from fretflow.inference.search import FAST, Effort, Search
+from fretflow.inference.strategy import begin_elsewhere
 from fretflow.recordings.schema import SweepCondition
 from fretflow.solvers.quasi_static import solver as quasi_static
 from fretflow.solvers.time_integration import integrate
@@ -75,6 +76,19 @@ def test_what_sensors_alone_show_needs_no_simulation_and_is_exact(recorded):
     again = fitter.experiment.predict(point).values
     assert resensed(fit.prediction, point).loops is fit.prediction.state.loops
     assert np.abs(change + fit.predicted - again).max() < 1e-6 * np.abs(again).max()
+
+
+def test_a_play_whose_first_start_tells_nothing_of_others_is_found_among_all(recorded):
+    """The start that promises most ends in another minimum, and so do the two best; a rounder one leads there."""
+    fitter, fit = recorded(Backlash().changed(play=5e-6, rounding=0.8), noise=0.1)
+    search = Search(fitter.experiment, lambda function, arguments: [function(one) for one in arguments], FAST)
+    search.keep([fit])
+    (beginning,) = beginnings_task((fitter, fit, ["backlash"])).values()
+    first = begin_task((fitter, beginning))
+    assert is_untold(search, beginning, first)
+    begin_elsewhere(search, elsewhere(fitter, beginning, first))
+    (play,) = search.fits[frozenset({"backlash"})].prediction.point.built()
+    assert (play.play, play.rounding) == pytest.approx((5e-6, 0.8), rel=1e-2)
 
 
 @pytest.mark.parametrize("slope", [4e5, -4e5])

@@ -32,6 +32,7 @@ class Backlash(Effect):
               "controlling mechanical systems with backlash; smooth ends of it: T. C. Kim, T. E. Rook, R. Singh, "
               "J. Sound Vib. 284 (2005) 933-958")
     first_order = False
+    smooth = "rounding"
     observables = ("flat part of a loop where the force changes its sign",)
     kinds = INTERFACES
 

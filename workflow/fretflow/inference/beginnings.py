@@ -18,6 +18,7 @@ from fretflow.inference.parameters import HALF, Array, Parameters, signed_fields
 from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved
 from fretflow.recordings.periods import LEVEL
 
+QUARTILES = norm.interval(0.5)
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
 
 
@@ -43,8 +44,11 @@ def is_worth(search: Search, beginning: Beginning, fit: Fit) -> bool:
 
 
 def is_untold(search: Search, beginning: Beginning, fit: Fit | None) -> bool:
-    """Tell whether first order is off, where an effect was begun, by more than all that there is to explain."""
-    if fit is None:
+    """Tell whether first order is off, where an effect was begun, by more than all that there is to explain.
+
+    Of a law that begins smooth it tells nothing of where that does.
+    """
+    if fit is None or any(catalogue()[name].smooth for name in fit.effects - beginning.origin.effects):
         return True
     told = beginning.origin.residual - search.fitter.covariance.whiten(np.nan_to_num(beginning.change))
     return abs(float(told @ told) - fit.chi_squared) > beginning.origin.objective
@@ -53,12 +57,14 @@ def is_untold(search: Search, beginning: Beginning, fit: Fit | None) -> bool:
 def elsewhere(fitter: Fitter, beginning: Beginning, fit: Fit | None) -> list[Task]:
     """Return an effect at the other points of its ranges than the one that it was begun at, and may have a fit of.
 
-    Near that one they take a third of the time that they take near its origin, where they have a solution.
+    Near that one they take a third of the time that they take near its origin, where they have a solution; those of a
+    law that begins smooth lie too far from it.
     """
     point, origin = beginning.point, beginning.origin
-    near = (fit or origin).prediction
+    (name,) = point.effects - origin.effects
+    near = (origin if fit is None or catalogue()[name].smooth else fit).prediction
     return [Task(fitter, one, near, 0)
-            for one in _laid(fitter.experiment, origin, point.effects - origin.effects)
+            for one in _laid(fitter.experiment, origin, [name])
             if _signed(one) == _signed(point) and (one.z != point.z).any()]
 
 
@@ -145,8 +151,10 @@ def is_told(point: Point, origin: Fit) -> bool:
 def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterator[Point]:
     """Return points of the ranges of each further one of some effects: the middle, the weak end, and beside the middle.
 
-    Of an effect with several strengths, such as heights of a gap, no point beside the middle is weak in all, and what
-    it does there may have nothing to do with what it does at first.
+    A law that a parameter makes smooth is begun smooth, too, in all others: where it is sharp, its objective has minima
+    on the way (graduated non-convexity: A. Blake, A. Zisserman, Visual Reconstruction (1987)). Of an effect with
+    several strengths, such as heights of a gap, no point beside the middle is weak in all, and what it does there may
+    have nothing to do with what it does at first.
     """
     known = dict(zip((one.name for one in origin.parameters.coordinates), origin.z, strict=True))
     for name in effects:
@@ -165,9 +173,13 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
                 first = np.eye(len(middle))[int(np.argmax(space.own(name)))]
                 end = norm.isf(0.5 * LEVEL)
                 yield from (Point(space, middle + at * first) for at in np.linspace(-end, end, FINE))
-            for place in np.flatnonzero(space.own(name) & ~space.chances):
-                for quartile in norm.interval(0.5):
-                    yield Point(space, middle + 2.0 * quartile * np.eye(len(middle))[place])
+            own = {space.coordinates[place].field: 2.0 * np.eye(len(middle))[place]
+                   for place in np.flatnonzero(space.own(name) & ~space.chances)}
+            smooth = own.pop(catalogue()[name].smooth, None)
+            begun = [middle] if smooth is None else [middle, middle + QUARTILES[1] * smooth]
+            yield from (Point(space, one) for one in begun[1:])
+            yield from (Point(space, one + quartile * step) for one in begun for step in own.values()
+                        for quartile in QUARTILES)
 
 
 def _weakest(space: Parameters, effect: str) -> Array:
@@ -192,7 +204,8 @@ def beside(search: Search, names: Names, beginnings: Iterable[Beginning], beyond
 
     These begin where they explain most and where they do least, as more than first order tells may be too much. What
     each changes is known to first order at the set's own fit, or where it was begun beside the baseline. Pairs that
-    promise no more than one effect alone reaches are begun beside the most probable one only. Where log evidence is
+    promise no more than one effect alone reaches are begun beside the most probable one only, and one that first order
+    does not tell where it is fitted alone, if that explains more. Where log evidence is
     given that pairs are to go `beyond`, it is those that promise to, and are not fitted yet.
     """
     fit, white = search.fits[names], search.fitter.covariance.whiten
@@ -209,8 +222,11 @@ def beside(search: Search, names: Names, beginnings: Iterable[Beginning], beyond
 
     told = set(names)
     for one in beginnings:
-        if one.slopes is not None:
-            (effect,) = one.point.effects - names
+        (effect,) = one.point.effects - names
+        alone = search.fits.get(frozenset({effect}))
+        if alone is not None and not is_told(one.point, one.origin) and alone.objective < fit.objective:
+            told.add(effect)
+        elif one.slopes is not None:
             weigh(effect, white(np.column_stack([one.change, one.slopes])), one.point, one.least)
             told.add(effect)
     for start in search.starts:

@@ -14,6 +14,7 @@ import numpy as np
 
 from fretflow.core.errors import NonConvergenceError
 from fretflow.core.progress import Progress
+from fretflow.effects.catalogue import catalogue
 from fretflow.inference.beginnings import (
     Beginning,
     begin_task,
@@ -270,17 +271,25 @@ def begin_all(search: Search) -> list[Task]:
 
 
 def begin_elsewhere(search: Search, untold: Sequence[Task]) -> None:
-    """Fit effects from the best of some points of their ranges."""
+    """Fit effects from the best of some points of their ranges; a leader that first order does not tell from all."""
     untold = [replace(task, fitter=search.fitter_of(task.point.effects)) for task in untold]
     best: dict[Names, list[tuple[float, Task]]] = {}
     for task, weighed in zip(untold, search.pool(weigh_task, untold), strict=True):
         if weighed is not None:
             objective, predicted = weighed
             best.setdefault(task.point.effects, []).append((objective, replace(task, near=predicted)))
-    starts = [task for own in best.values() for _, task in sorted(own, key=lambda one: one[0])[:search.effort.starts]]
-    fits = [fit for fit in search.pool(fit_task, starts) if fit is not None]
+    starts = {names: [task for _, task in sorted(own, key=lambda one: one[0])] for names, own in best.items()}
+    begin(search, [task for own in starts.values() for task in own[:search.effort.starts]])
+    (leader,) = search.best(1)[:1] or [frozenset()]
+    if not is_explained(search) and not all(catalogue()[one].first_order for one in leader):
+        begin(search, starts.get(leader, [])[search.effort.starts:])
+
+
+def begin(search: Search, tasks: Sequence[Task]) -> None:
+    """Fit effects from some starts, as far as they may matter."""
+    fits = search.pool(fit_task, tasks)
     search.keep(fits)
-    go_on(search, fits, search.effort.last_steps)
+    go_on(search, [fit for fit in fits if fit is not None], search.effort.last_steps)
 
 
 def beginnings_beside(search: Search, asked: Sequence[tuple[Fitter, Fit]]
@@ -328,10 +337,8 @@ def begin_untold_leader(search: Search, fitter: Fitter, laid: Iterable[tuple[Beg
     if is_explained(search):
         return
     leader = search.best(1)[:1]
-    fits = search.pool(fit_task, [task for one, fit in laid if [one.point.effects] == leader and not is_told(
-        one.point, one.origin) for task in elsewhere(fitter, one, fit)])
-    search.keep(fits)
-    go_on(search, [fit for fit in fits if fit is not None], search.effort.last_steps)
+    begin(search, [task for one, fit in laid if [one.point.effects] == leader and not is_told(one.point, one.origin)
+                   for task in elsewhere(fitter, one, fit)])
 
 
 def may_hold(search: Search, sets: Sequence[Names]) -> Sequence[Names]:
