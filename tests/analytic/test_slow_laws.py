@@ -296,4 +296,5 @@ def test_a_face_worn_by_hundreds_of_its_elastic_depths_stays_settled(monkeypatch
     law = make("wear-coefficient-evolution", final_share=2.2, settling=1.6e5)
     end = rig.simulate(Hypothesis(effects=(law,), wear=strength)).steps[-1]
     assert end.depth.mean() > 1e-4  # pressure follows a tenth of a micrometre
-    assert np.ptp(end.rate) < 0.25 * end.rate.mean()
+    assert np.ptp(end.rate) < 0.02 * end.rate.mean()
+    assert end.solves < 50  # with patterns of single nodes, which grew from jump to jump, 59 and 105
