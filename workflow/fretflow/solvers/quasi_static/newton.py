@@ -75,6 +75,7 @@ class InternalNewton:
         self.patience = patience
         self.takes_stalled = takes_stalled
         self.smallest = np.inf  # residual so far
+        self.lagged = False  # whether a former tangent was tried
 
     def solve(self, starts: Iterator[InitialGuess], before: SampleState, max_iterations: int
               ) -> tuple[Iterate, tuple[float, ...]]:
@@ -94,7 +95,7 @@ class InternalNewton:
         try:
             return self._solve(first, max_iterations, NEAR)
         except NonConvergenceError:
-            if self.patience is None and self.smallest >= NEAR:  # none served: it would go the same way
+            if self.patience is None and (self.smallest >= NEAR or not self.lagged):  # it would go the same way
                 raise
             return self._solve(first, max_iterations, 0.0)
 
@@ -144,7 +145,7 @@ class InternalNewton:
                         float(np.hypot(np.linalg.norm(residual), balance.size)) / e.scale, tangent, at.other is None)
 
     def _solve(self, first: Iterate, max_iterations: int, lagged_below: float) -> tuple[Iterate, tuple[float, ...]]:
-        now, self.smallest = first, first.norm
+        now, self.smallest, self.lagged = first, first.norm, False
         history = [now.norm]
         while not now.norm <= self.tolerance:  # nan included
             try:
@@ -173,6 +174,7 @@ class InternalNewton:
 
     def _step(self, now: Iterate, lagged_below: float) -> Iterate | None:
         if now.tangent is not None:
+            self.lagged = True
             following = self._searched(now, now.tangent, lagged_below, shortest=1.0)
             if following is not None:
                 return following
