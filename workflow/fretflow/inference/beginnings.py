@@ -18,7 +18,6 @@ from fretflow.inference.parameters import HALF, Array, Parameters, signed_fields
 from fretflow.inference.search import Names, Search, Start, Task, basis, extends, has_moved
 from fretflow.recordings.periods import LEVEL
 
-QUARTILES = norm.interval(0.5)
 FINE = 33  # points of a range of which neighbours are a fifth of its sd apart: a resonance of 5 % damping shows in one
 
 
@@ -176,10 +175,11 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
             own = {space.coordinates[place].field: 2.0 * np.eye(len(middle))[place]
                    for place in np.flatnonzero(space.own(name) & ~space.chances)}
             smooth = own.pop(catalogue()[name].smooth, None)
-            begun = [middle] if smooth is None else [middle, middle + QUARTILES[1] * smooth]
+            quartiles = norm.interval(0.5)
+            begun = [middle] if smooth is None else [middle, middle + quartiles[1] * smooth]
             yield from (Point(space, one) for one in begun[1:])
             yield from (Point(space, one + quartile * step) for one in begun for step in own.values()
-                        for quartile in QUARTILES)
+                        for quartile in quartiles)
 
 
 def _weakest(space: Parameters, effect: str) -> Array:
