@@ -159,6 +159,12 @@ def test_an_angular_frequency_is_read_in_hz(folder):
     assert backbone.frequency == pytest.approx(np.array([80.0, 79.9, 79.8]) / (2.0 * np.pi))
 
 
+def test_an_error_of_an_angular_frequency_is_read_in_hz_too(folder):
+    text = TOML.format(of="tip", unit="m/s^2").replace(
+        'column = "f", unit = "Hz", sd = "0.01 Hz"', 'column = "f", unit = "rad/s", sd = "0.5 rad/s"')
+    assert read_structure_recording(folder(text)).backbone.frequency_sd == pytest.approx(0.5 / (2.0 * np.pi))
+
+
 def test_a_frequency_that_no_contact_can_give_its_mode_is_told(folder):
     text = TOML.format(of="tip", unit="m/s^2").replace('amplitude_of = "tip"', 'amplitude_of = "tip"\nmode = 1')
     experiment = StructureExperiment.of(read_structure_recording(folder(text)))

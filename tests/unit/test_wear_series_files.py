@@ -100,7 +100,9 @@ def test_a_recording_names_the_table_and_its_columns(table, tmp_path):
     ('volume = { column = "V_mm3", unit = "N" }', "wear_series.volume.unit"),
     ('volumes = { column = "V_mm3" }', "wear_series.volumes"),
     ('volume = "V_mm3"', "wear_series.volume"),
-    ('volume = { column = "W_mm3", unit = "mm^3" }', "no column 'W_mm3'")])
+    ('volume = { column = "W_mm3", unit = "mm^3" }', "no column 'W_mm3'"),
+    ('volume = { column = "volume", units = "mm^3" }',
+     "wear_series.volume.units: unknown key; there are column and unit; did you mean unit")])
 def test_a_wrong_key_is_named(table, tmp_path, line, said):
     table(rows())
     (tmp_path / "recording.toml").write_text(TOML + line + "\n")

@@ -15,6 +15,7 @@ from fretflow.recordings.headings import split_heading, unit_set_apart
 from fretflow.recordings.notes import row_ranges, rows_in_words
 from fretflow.recordings.readers.tables import Table
 
+ANGULAR, HZ = "rad/s", 0.5 / np.pi
 TABLE = "file, from the folder of recording.toml"  # what the key `file` of a block holds
 
 
@@ -29,6 +30,8 @@ class StructureColumn(Section):
 
 def parsed(value: object, unit: str) -> float:
     """Return a number with its unit, or in per cent where it counts."""
+    if unit == "Hz" and isinstance(value, str) and value.strip().endswith(ANGULAR):
+        return u.parse_quantity(value.replace(ANGULAR, unit), unit) * HZ
     if unit != "1":
         return u.parse_quantity(value, unit)
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -76,8 +79,8 @@ def _size(block: str, name: str, unit: str, choices: tuple[str, ...]) -> tuple[f
     for si in choices:
         if si == "1":
             continue
-        if si == "Hz" and unit == "rad/s":
-            return 0.5 / np.pi, si
+        if si == "Hz" and unit == ANGULAR:
+            return HZ, si
         try:
             return u.parse_quantity(f"1 {unit}", si), si
         except ValueError:

@@ -23,6 +23,7 @@ from fretflow.core.errors import (
     ConfigError,
     UnreliableRecordingError,
     UnsupportedRecordingError,
+    did_you_mean,
 )
 from fretflow.core.records import Array, quantity, record
 from fretflow.core.units import parse_quantity, pretty_quantity
@@ -37,6 +38,7 @@ WEAR_SERIES = RecordingKind(
     "fretflow.experiments.wear_series.run:diagnose_wear_series", f"{__name__}:read_wear_series", tables=True)
 KINDS = (WEAR_SERIES,)
 STATES = ("pressure", "load", "amplitude", "sliding_distance", "frequency", "power_density", "cycles")
+KEYS = ("column", "unit")  # of a column in recording.toml
 MOST_TESTS = 10_000
 LEAST_TESTS = 5
 MOSTLY = 0.5  # of the tests that have to have a condition for it to be used
@@ -101,6 +103,9 @@ def _stated(toml: Path) -> tuple[str, dict[str, Any], Path]:
         if not isinstance(entry, dict) or not isinstance(entry.get("column"), str | int):
             raise ConfigError(f'{toml}: wear_series.{key}: must be a table such as {{ column = "a", '
                               f'unit = "{ROLES[key][0]}" }}')
+        for own in sorted(set(entry).difference(KEYS)):
+            raise ConfigError(f"{toml}: wear_series.{key}.{own}: unknown key; there are {' and '.join(KEYS)}"
+                              f"{did_you_mean(own, KEYS)}")
         unit = str(entry.get("unit", ""))
         if ROLES[key][0] != "1" and unit and dimension(unit) != ROLES[key][0]:
             raise ConfigError(f"{toml}: wear_series.{key}.unit: {unit!r} is no unit like {ROLES[key][0]}")
