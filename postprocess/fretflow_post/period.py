@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from fretflow.contact.law import ContactState
 from fretflow.core.records import Array
 from fretflow.solvers.periodic import PeriodicSolution
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
+from PIL.Image import Image, frombuffer
 
 from fretflow_post import style
 from fretflow_post.contact_grid import contact_cells, node_patches
@@ -61,17 +65,34 @@ def plot_period(path: Path, nodes: Array, areas: Array, period: PeriodicSolution
         _loop(panels[2], x, period.friction_force)
         (dot,) = panels[2].plot([], [], "o", color=style.VERMILLION, markersize=13)
 
-        def show(moment: float) -> list[Artist]:
-            k = int(moment)
+        def show(k: int) -> None:
             tractions.set_array(traction[k, owner])
             states.set_array(period.state[k, owner].astype(float))
             dot.set_data([x[k]], [period.friction_force[k]])
-            return [tractions, states, dot]
 
+        moving = [tractions, *panels[0].spines.values(), states, *panels[1].spines.values(), dot]
+        shots = list(_shots(figure, moving, show, moments.astype(int)))
         path = path.with_suffix(".gif")
         path.parent.mkdir(parents=True, exist_ok=True)
-        FuncAnimation(figure, show, moments).save(path, PillowWriter(PER_SECOND), dpi=DPI)
+        shots[0].save(path, save_all=True, append_images=shots[1:], duration=1000 // PER_SECOND, loop=0)
         return path
+
+
+def _shots(figure: Figure, moving: Sequence[Artist], show: Callable[[int], None], moments: Iterable[int]
+           ) -> Iterator[Image]:
+    """Yield pictures of a figure at some moments, over one of all that does not move: its words take longest."""
+    for one in moving:
+        one.set_animated(True)
+    figure.set_dpi(DPI)
+    canvas: Any = FigureCanvasAgg(figure)  # of which few methods are typed
+    canvas.draw()
+    still = canvas.copy_from_bbox(figure.bbox)
+    for moment in moments:
+        show(moment)
+        canvas.restore_region(still)
+        for one in moving:
+            figure.draw_artist(one)
+        yield frombuffer("RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba())).convert("RGB")
 
 
 def _patches(axes: Axes, nodes: Array, title: str) -> tuple[PolyCollection, NDArray[np.int64]]:

@@ -25,6 +25,7 @@ from fretflow.wear.history import WearHistory, WearStep
 from fretflow_post import faces, period, style
 from fretflow_post.offscreen import require_offscreen
 from fretflow_post.render import render_run, shown_rows
+from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 from matplotlib.text import Text
 from PIL import Image
@@ -320,14 +321,13 @@ def test_pictures_and_formats_are_those_asked_for(folders, tmp_path):
 
 def test_a_period_moves_by_its_own_tractions(folders, tmp_path, monkeypatch):
     """What is drawn of the tractions, over the nodes' areas, is the force where the dot stands on the loop."""
-    frames = {}
+    frames, shots = {}, period._shots
 
-    class Kept(period.FuncAnimation):
-        def __init__(self, figure, show, moments):
-            super().__init__(figure, show, moments)
-            frames.update(figure=figure, show=show, moments=moments)
+    def kept(figure, moving, show, moments):
+        frames.update(moving=moving, show=show, moments=moments)
+        return shots(figure, moving, show, moments)
 
-    monkeypatch.setattr(period, "FuncAnimation", Kept)
+    monkeypatch.setattr(period, "_shots", kept)
     nodes, areas = contact()
     solution = steady_period(nodes, areas)
     solution = replace(solution, friction_force=-solution.friction_force)  # of the upper specimen on the lower one
@@ -335,7 +335,9 @@ def test_a_period_moves_by_its_own_tractions(folders, tmp_path, monkeypatch):
     with Image.open(path) as drawn:
         assert drawn.n_frames == len(frames["moments"]) == 24
     assert path.stat().st_size < 1_000_000
-    tractions, states, dot = frames["show"](frames["moments"][5])
+    frames["show"](frames["moments"][5])
+    tractions, states = (one for one in frames["moving"] if isinstance(one, PolyCollection))
+    dot = frames["moving"][-1]
     shapes = [one.vertices[:4] for one in tractions.get_paths()]
     sizes = [0.5 * abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1))) for x, y in (shape.T for shape in shapes)]
     assert np.sum(tractions.get_array() * sizes) == pytest.approx(dot.get_ydata()[0], rel=1e-9)
