@@ -244,7 +244,7 @@ def _wear(context: StageContext) -> Figures:
             "largest_depth_m": float(history.depth[-1].max())}
 
 
-WEAR = Stage("wear", 2, _wear_slice, ("reduce", "solve"), _wear)
+WEAR = Stage("wear", 3, _wear_slice, ("reduce", "solve"), _wear)
 
 
 def _render(context: StageContext) -> Figures:

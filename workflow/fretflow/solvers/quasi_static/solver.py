@@ -239,7 +239,8 @@ class QuasiStaticSolver:
         contact, first = _beginning(problem, equations, march, start, samples)
         try:
             near = newton.best(iter(first), contact) if first else None
-            if near is not None and near.norm > self.settings.tolerance:
+            # patches cost several tangents of theirs; a neighbour that has its own is close
+            if near is not None and near.norm > self.settings.tolerance and near.tangent is None:
                 guess = corrected_on_patches(problem, equations, march, near)
                 if guess is not None:
                     closer = newton.best(iter([guess]), SampleState.of(near.history))
