@@ -24,7 +24,7 @@ from fretflow.wear.asymptotic import solve_asymptotic_shape
 from fretflow.wear.cycle import CycleResponse, WearAlone
 from fretflow.wear.feedback import Feedback
 from fretflow.wear.history import WearSettings
-from fretflow.wear.implicit import Implicit
+from fretflow.wear.implicit import ACCURATE, DAMPING, Implicit
 from fretflow.wear.march import run_history
 from fretflow.wear.scheme import WearingJoint
 from fretflow.wear.slow import SlowState
@@ -122,20 +122,50 @@ def test_explicit_order():
     assert np.polyfit(np.log([4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.1)
 
 
-def implicit_depth(parts, cycles):
+def implicit_depth(parts, cycles, gamma):
     joint = WearingJoint(Ridges(), settings())
     now, state = joint.unworn()
     for _ in range(parts):
-        end, _, state = Implicit(joint).attempt(now, cycles // parts, state)
+        end, _, state = Implicit(joint).attempt(now, cycles // parts, state, gamma=gamma)
         now, state = joint.settled(end, state, 1)
     return now.depth
 
 
-def test_implicit_order_with_an_inexact_jacobian():
+@pytest.mark.parametrize("gamma", [ACCURATE, DAMPING])
+def test_implicit_order_with_an_inexact_jacobian(gamma):
     cycles = 61_440
-    finest = implicit_depth(1024, cycles)
-    errors = [np.abs(implicit_depth(parts, cycles) - finest).max() for parts in (30, 60, 120, 240)]
+    finest = implicit_depth(1024, cycles, ACCURATE)
+    errors = [np.abs(implicit_depth(parts, cycles, gamma) - finest).max() for parts in (30, 60, 120, 240)]
     assert np.polyfit(np.log([8.0, 4.0, 2.0, 1.0]), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.25)
+
+
+class Softer(Ridges):
+    """Ridges of which every node slides alike, and which say that they are softer than they are by a factor."""
+
+    def __init__(self, factor):
+        super().__init__()
+        self.factor, self.shear_flexibility = factor, np.zeros((49, 49))
+
+    def normal_flexibility(self, slow):
+        return self.factor * self.flexibility
+
+
+@pytest.mark.parametrize("gamma", [ACCURATE, DAMPING])
+@pytest.mark.parametrize("factor", [0.5, 1.0, 1.5, 4.0])
+def test_patterns_that_settle_within_a_jump_are_left_with_what_the_stability_function_says(factor, gamma):
+    """Of the linear problem by hand, for jumps without end; the uniform depth is nobody's pattern."""
+    ridges = Softer(factor)
+    uniform = ridges.areas / ridges.areas.sum() * LOAD
+    settled = 1e-6 - ridges.gap - ridges.flexibility @ uniform  # under which all press alike
+    pattern = 1e-12 * np.random.default_rng(1).standard_normal(49)
+    joint = WearingJoint(ridges, settings(cycles=10**12))
+    now, state = joint.settled(SlowState.worn_by(settled + pattern), None, 1)
+    end, _, _ = Implicit(joint).attempt(now, 10**9, state, gamma=gamma)
+    left = end.depth - settled
+    x = factor / gamma
+    expected = (1.0 - 2.0 * x + 0.5 * x**2) * (pattern - pattern.mean())
+    size = max(np.abs(pattern).max(), np.abs(expected).max())
+    assert left - left.mean() == pytest.approx(expected, abs=1e-2 * size)
 
 
 class Narrow(Ridges):
