@@ -325,20 +325,24 @@ def begin_beside(search: Search, origin: Fit) -> list[tuple[Beginning, Fit | Non
                 going.append(fit)
             search.keep([fit])
     go_on(search, sorted(going, key=lambda one: one.promise)[:search.effort.going], search.effort.last_steps)
-    begin_untold_leader(search, fitter, zip(laid, first_fits, strict=True))
-    return [(one, fit) for one, fit in zip(laid, first_fits, strict=True) if is_untold(search, one, fit)]
+    begun = begin_untold_leader(search, fitter, zip(laid, first_fits, strict=True))
+    return [(one, fit) for one, fit in zip(laid, first_fits, strict=True)
+            if one.point.effects not in begun and is_untold(search, one, fit)]
 
 
-def begin_untold_leader(search: Search, fitter: Fitter, laid: Iterable[tuple[Beginning, Fit | None]]) -> None:
+def begin_untold_leader(search: Search, fitter: Fitter, laid: Iterable[tuple[Beginning, Fit | None]]) -> set[Names]:
     """Fit an effect that leads from the other points of its ranges too, where first order tells nothing of it.
 
     Of a play, objectives have several minima. Where it does not lead from where it is weak, this would take long.
+    That effect is returned, as it needs no other start.
     """
     if is_explained(search):
-        return
+        return set()
     leader = search.best(1)[:1]
-    begin(search, [task for one, fit in laid if [one.point.effects] == leader and not is_told(one.point, one.origin)
-                   for task in elsewhere(fitter, one, fit)])
+    untold = [(one, fit) for one, fit in laid
+              if [one.point.effects] == leader and not is_told(one.point, one.origin)]
+    begin(search, [task for one, fit in untold for task in elsewhere(fitter, one, fit)])
+    return {one.point.effects for one, _ in untold}
 
 
 def may_hold(search: Search, sets: Sequence[Names]) -> Sequence[Names]:
