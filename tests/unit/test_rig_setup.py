@@ -244,6 +244,18 @@ def test_a_force_beyond_what_a_sensor_s_zero_may_be_off_is_seen(force: float, is
     assert (float(np.linalg.norm(Covariance(moved.variance, moved.modes).whiten(change))) > 3.0) == is_seen
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_load_that_falls_is_seen_though_its_loops_are_flat(seed: int) -> None:
+    """A gauge's zero is known to 1 % and from loop to loop to 0.3 %; a load of 50 N falls by a tenth in the last."""
+    plain, rng = noisy(0.0), np.random.default_rng(seed)
+    assert plain.loops is not None
+    flat = LOAD + 0.1 * rng.standard_normal(plain.loops.channels["displacement"].shape)
+    seen = observe(replace(plain, loops=replace(plain.loops, channels={**plain.loops.channels, "normal_force": flat})))
+    lost = np.zeros(len(seen.values))
+    lost[seen.rows(channel="normal_force", cycles=COUNTS[-1])] = 0.1 * LOAD
+    assert np.linalg.norm(Covariance(seen.variance, seen.modes).whiten(lost)) > 10.0
+
+
 def test_levels_are_those_of_the_approach_and_of_the_normal_force() -> None:
     """A displacement's and a friction force's mean is the zero of their sensors; a drive has no law."""
     plain = noisy(0.0)

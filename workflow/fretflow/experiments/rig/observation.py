@@ -333,7 +333,8 @@ def _add_loops(stack: _Stack, loops: LoopSet, conditions: Mapping[int, str] | No
             places.append(place)
             centred, own = mean if kind.absolute else mean - mean.mean(), f"{block} {k} {channel}"
             stack.shared += [(f"{own} wave {j}", place, one / np.sqrt(repeats)) for j, one in enumerate(waves.T)]
-            stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * centred),
+            # what a gain of its own does to a repeat's mean is in the offset
+            stack.shared += [(f"{own} gain", place, spread.gain_sd / np.sqrt(repeats) * (mean - mean.mean())),
                              (f"{own} offset", place, np.full(samples, np.hypot(
                                  spread.offset_sd / np.sqrt(repeats), _loop_offset(kind, size)))),
                              (f"{channel} synchronisation", place, SYNCHRONISED * moving),
