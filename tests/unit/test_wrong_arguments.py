@@ -11,7 +11,9 @@ from types import FunctionType
 
 import fretflow as ff
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from fretflow.case.config import WearScheme
 from fretflow.wear.history import WearSettings
 from scipy.sparse import csr_matrix
@@ -116,6 +118,11 @@ def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkey
      "density: 7.85e-09 kg/m^3 is below that of any solid; all is in SI, also where a mesh counts in millimetres"),
     (lambda: ff.Joint.from_matrices(csr_matrix(np.eye(3)), np.eye(3), contact=[0]),
      "Joint.from_matrices: stiffness must be an array of finite numbers, got a sparse csr_matrix; give its toarray()"),
+    (lambda: ff.HysteresisLoop(displacement=np.ma.masked_greater(WAVE[0], 0.9), force=WAVE[1]),
+     "loop: displacement or force is NaN or infinite; clean the recording first"),
+    (lambda: ff.Interface([0], [np.inf], [0.0]), "interface: areas must be positive, and nodes, areas and gaps finite"),
+    (lambda: ff.Coulomb(np.full((2, 1), 0.5)),
+     "friction_coefficient: must be a finite number, or one for each node, and not negative"),
 ])
 def test_what_is_wrong_is_named(call, said):
     with pytest.raises(ff.InputError) as caught:
@@ -155,6 +162,27 @@ def test_a_checked_function_is_one_object_by_either_name_and_in_another_process(
 
     assert ff.read_loop is hysteresis.read_loop
     assert pickle.loads(pickle.dumps(ff.read_loop)) is ff.read_loop
+
+
+def test_arrays_stay_their_maker_s():
+    """They became read-only, so that the next change of a gap or a stiffness was an error of numpy's."""
+    made = [1e6 * np.eye(3), np.eye(3), np.zeros((1, 2)), np.ones(1), np.zeros(1), np.array([0.5]), np.eye(3)[0]]
+    stiffness, mass, nodes, areas, gap, friction, row = made
+    joint = ff.Joint.from_matrices(stiffness, mass, contact=[0], contact_compliance=1e-9, observe={"tip": row})
+    held = joint.stiffness, joint.mass, *vars(ff.Interface(nodes, areas, gap)).values(), (
+        ff.Coulomb(friction).friction_coefficient), joint.observed["tip"]
+    for given, kept in zip(made, held, strict=True):
+        before = kept.copy()
+        given += 5.0
+        np.testing.assert_array_equal(kept, before)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, pd.Series, xr.DataArray, lambda one: np.rint(1e9 * one).astype(int)])
+def test_columns_of_tables_and_whole_numbers_are_arrays(kind):
+    loop = ff.HysteresisLoop(displacement=kind(WAVE[0]), force=kind(WAVE[1]))
+    seen, due = ff.read_loop(loop), ff.read_loop(ff.HysteresisLoop(displacement=WAVE[0], force=WAVE[1]))
+    assert seen.sliding_distance / seen.peak_to_peak == pytest.approx(due.sliding_distance / due.peak_to_peak)
+    assert ff.Joint.from_matrices(1e6 * np.eye(6), np.eye(6), contact=np.array([1])).contact_map.shape == (3, 6)
 
 
 def slider(nodes=1, **options):
@@ -214,6 +242,15 @@ def test_settings_of_a_response_are_checked(settings, words):
 def test_settings_of_a_march_are_checked(settings, words):
     with pytest.raises(ff.InputError, match=words):
         ff.march_wear(slider(), ff.Archard(1e-14), 1000, **settings)
+
+
+@pytest.mark.parametrize("form", ["csr", "csc", "coo", "bsr", "lil", "dok", "dia"])
+def test_sparse_matrices_of_any_format_are_taken(right, form):
+    given = right["StructureMatrices"]
+    made = ff.StructureMatrices(**{**given, **{name: csr_matrix(given[name]).asformat(form) for name in (
+        "mass", "stiffness", "contact_map")}})
+    due = ff.reduce_structure(ff.StructureMatrices(**given))
+    assert ff.reduce_structure(made).eigenvalues == pytest.approx(due.eigenvalues, rel=1e-12)
 
 
 def test_no_excitation_has_no_response():

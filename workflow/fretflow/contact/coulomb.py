@@ -51,8 +51,8 @@ class Coulomb:
             not within (-1, 1).
         """
         mu = np.asarray(self.friction_coefficient)
-        if not (mu.dtype.kind in "fiu" and np.all(np.isfinite(mu)) and np.all(mu >= 0.0)):
-            raise InputError("friction_coefficient: must be a finite number, not negative at any node")
+        if not (mu.ndim < 2 and mu.dtype.kind in "fiu" and np.all(np.isfinite(mu)) and np.all(mu >= 0.0)):
+            raise InputError("friction_coefficient: must be a finite number, or one for each node, and not negative")
         if not (0.0 <= self.exponent < 1.0 and -1.0 < self.asymmetry < 1.0):
             raise InputError(f"friction: exponent {self.exponent} must lie in [0, 1) and asymmetry {self.asymmetry} "
                              "between -1 and 1")

@@ -36,19 +36,20 @@ class Interface:
         Raises
         ------
         InputError
-            If the arrays do not match or an area is not positive.
+            If the arrays do not match, a number is not finite or an area not positive.
         """
         for name in ("nodes", "areas", "gap"):
             if not isinstance(given := getattr(self, name), np.ndarray):  # a list, as one types it
                 object.__setattr__(self, name, np.array(given))
         n = len(self.areas)
-        if self.nodes.ndim == 1 and np.issubdtype(self.nodes.dtype, np.integer):
+        if self.nodes.ndim == 1 and np.all(self.nodes % 1.0 == 0.0):
             object.__setattr__(self, "nodes", np.zeros((len(self.nodes), 2)))
         if self.nodes.shape != (n, 2) or self.gap.shape != (n,):
             raise InputError(f"interface: nodes {self.nodes.shape}, areas {self.areas.shape} and gap "
                              f"{self.gap.shape} do not match; give one row a node")
-        if not (np.all(self.areas > 0.0) and np.all(np.isfinite(self.gap))):
-            raise InputError("interface: areas must be positive and gaps finite")
+        finite = all(np.all(np.isfinite(one)) for one in (self.nodes, self.areas, self.gap))
+        if not (finite and np.all(self.areas > 0.0)):
+            raise InputError("interface: areas must be positive, and nodes, areas and gaps finite")
 
     @property
     def size(self) -> int:

@@ -62,7 +62,9 @@ def _checked(function: Any, name: str, last: bool) -> Any:
             bound = signature.bind(*args, **kwargs)
         except TypeError:  # of the call itself, which Python tells
             return function(*args, **kwargs)
-        args, kwargs = _with_arrays(function, bound)
+        for key, value in bound.arguments.items():
+            bound.arguments[key] = _own(value, _array_due(function, key))
+        args, kwargs = bound.args, bound.kwargs
         if not last:
             refuse_wrong(args, kwargs, strict=True)
             return function(*args, **kwargs)
@@ -91,12 +93,21 @@ def _due(function: FunctionType, name: str, strict: bool) -> Like:
         return ANYTHING
 
 
-def _with_arrays(function: Any, bound: inspect.BoundArguments) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """Return arguments, lists of numbers made arrays where these are asked for."""
-    for key, value in bound.arguments.items():
-        if isinstance(value, list) and _takes_arrays(function, key) and is_array(value):
-            bound.arguments[key] = np.asarray(value)
-    return bound.args, bound.kwargs
+def _own(value: Any, due: Any) -> Any:
+    """Return an argument with arrays of its own, as its maker may go on to change them and records make them read-only.
+
+    What holds numbers, as lists and columns of tables do, is made an array where one is `due`; masked ones are NaN.
+    """
+    if type(value) is dict:
+        return {name: _own(one, None) for name, one in value.items()}
+    if getattr(value, "format", None) in ("dia", "dok", "lil"):
+        return value.tocsc()  # sparse, but with next to no arithmetic
+    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "fiu":
+        value = np.where(value.mask, np.nan, value.data)
+    if due and not isinstance(value, np.generic) and (
+            isinstance(value, list | tuple) or hasattr(value, "__array__")) and is_array(value):
+        return np.array(value, dtype=due if due is np.float64 else None)
+    return np.array(value) if isinstance(value, np.ndarray) and value.flags.writeable else value
 
 
 def _annotation(function: FunctionType, name: str) -> Any:
@@ -106,15 +117,16 @@ def _annotation(function: FunctionType, name: str) -> Any:
 
 
 @cache
-def _takes_arrays(function: FunctionType, name: str) -> bool:
-    """Tell whether an argument is annotated as an array, maybe besides something else."""
+def _array_due(function: FunctionType, name: str) -> Any:
+    """Return the numbers of the array that an argument is annotated as, maybe besides something else; None of none."""
     try:
         kind = _annotation(function, name)
     except (NameError, AttributeError):
-        return False
+        return None
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    return any(get_origin(one) is np.ndarray for one in choices)
+    numbers = [get_args(get_args(one)[1])[0] for one in choices if get_origin(one) is np.ndarray]
+    return numbers[-1] if numbers else None
 
 
 def is_array(value: Any, number: Any = np.float64, strict: bool = False) -> bool:

@@ -106,7 +106,7 @@ class Joint:
 
     @classmethod
     def from_matrices(cls, stiffness: Array, mass: Array, damping: Array | None = None, *,
-                      contact: Sequence[int] | None = None, contact_map: Array | None = None,
+                      contact: Sequence[int] | NDArray[np.int64] | None = None, contact_map: Array | None = None,
                       force_map: Array | None = None, observe: Mapping[str, int | Array] | None = None,
                       modal_damping: float | None = None, modes: int | None = None,
                       contact_compliance: float | Array = 0.0) -> Joint:
@@ -308,7 +308,7 @@ class Joint:
                                           load=row[None] @ modes.load) for name, row in self.observed.items()})
 
 
-def _rows(size: int, contact: Sequence[int] | None, contact_map: Array | None) -> Array:
+def _rows(size: int, contact: Sequence[int] | NDArray[np.int64] | None, contact_map: Array | None) -> Array:
     if (contact is None) == (contact_map is None):
         raise InputError("contact: give either the numbers of the contact nodes or a contact_map")
     if contact_map is not None:
@@ -327,7 +327,7 @@ def _rows(size: int, contact: Sequence[int] | None, contact_map: Array | None) -
 def _row(size: int, name: str, where: int | Array) -> Array:
     row: Array = np.zeros(size)
     if np.ndim(where):
-        row = np.asarray(where, dtype=float)
+        row = np.array(where, dtype=float)
         if row.shape != (size,):
             raise InputError(f"observe: {name} has the shape {row.shape}, but a row has {size} numbers, one a DOF")
         if not np.isfinite(row).all() or not row.any():
