@@ -15,7 +15,7 @@ import pytest
 from fretflow.case.config import Solver
 from fretflow.contact.coulomb import Coulomb
 from fretflow.contact.interface import Interface
-from fretflow.core.errors import FretflowWarning, HeavyContactWarning, InputError
+from fretflow.core.errors import FretflowWarning, HeavyContactWarning, InputError, StoreError
 from fretflow.effects.cycle import PeriodicCycle, find_asymptotic_shape, march_wear
 from fretflow.solvers.audit import energy_balance
 from fretflow.solvers.continuation.follow import continue_response
@@ -283,6 +283,15 @@ def test_a_contact_that_has_come_apart_moves_as_the_open_joint(chain, gap):
 def test_wear_ends_where_the_springs_carry_the_load(chain):
     worn = march_wear(chain(0.0), Archard(1e-14), cycles=1_000_000)
     assert worn.depth[-1, 0] == pytest.approx(80.0 / 5e6, rel=1e-3)  # m
+
+
+def test_wear_kept_in_a_folder_is_of_one_joint(chain, tmp_path):
+    """Another joint was given the first one's wear."""
+    first = march_wear(chain(0.0), Archard(1e-14), 1000, folder=tmp_path)
+    again = march_wear(chain(0.0), Archard(1e-14), 1000, folder=tmp_path)
+    assert again.volume.tolist() == first.volume.tolist()
+    with pytest.raises(StoreError, match="holds the wear of another joint; remove it or choose another folder"):
+        march_wear(chain(0.0).vary(friction_coefficient=0.4), Archard(1e-14), 1000, folder=tmp_path)
 
 
 def test_faces_on_springs_relax_by_all_that_gives_way():

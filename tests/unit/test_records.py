@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 from fretflow.core.errors import InputError
-from fretflow.core.records import quantity, record, unit_of
+from fretflow.core.records import digest, quantity, record, unit_of
 from numpy.typing import NDArray
 
 
@@ -65,6 +65,13 @@ def test_arrays_of_a_mapping_are_read_only_and_its_maker_cannot_change_them():
 def test_check_runs_also_on_a_changed_copy():
     with pytest.raises(InputError, match="count"):
         dataclasses.replace(Pair(force=np.ones(1)), count=-1)
+
+
+def test_a_digest_tells_records_apart_by_what_they_hold():
+    made = [Pair(force=np.ones(2)), Pair(force=np.ones((2, 1))), Pair(force=np.full(2, 1.0 + 1e-15)), Pair(
+        force=np.ones(2), count=2), Remembering(memory={"a": np.ones(2)}), Remembering(memory={"b": np.ones(2)})]
+    assert len({digest(one) for one in made}) == len(made)
+    assert digest(Pair(force=np.ones(2)), (60,)) == digest(Pair(force=np.ones(2), count=1), [60.0])
 
 
 def test_units_are_known_by_field():

@@ -6,9 +6,11 @@ quantity carries its unit, and `core.store` writes any record to HDF5 with those
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import IntEnum
+from numbers import Number
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -84,6 +86,35 @@ def record(cls: type[T]) -> type[T]:
     if "__repr__" not in vars(cls):
         cls.__repr__ = _show  # type: ignore[method-assign]
     return dataclass(frozen=True, kw_only=True)(cls)
+
+
+def digest(*values: Any) -> str:
+    """Return a hash of all that records, plain values, and arrays, groups and settings of them hold.
+
+    Of an object of another kind it tells the class alone.
+    """
+    told = hashlib.sha256()
+    for part in _parts(values):
+        told.update(part)
+    return told.hexdigest()
+
+
+def _parts(value: Any) -> Iterator[bytes]:
+    if isinstance(value, str | Number | None):
+        yield repr(complex(value) if isinstance(value, Number) else value).encode()  # type: ignore[call-overload]
+    elif isinstance(value, np.ndarray):
+        yield from (f"{value.dtype}{value.shape}".encode(), value.tobytes())
+    elif isinstance(value, list | tuple):
+        yield f"{len(value)} of".encode()
+        for one in value:
+            yield from _parts(one)
+    else:
+        yield type(value).__qualname__.encode()
+        held = {f.name: getattr(value, f.name) for f in fields(value)} if is_dataclass(value) else (
+            value if isinstance(value, Mapping) else value.model_dump() if hasattr(value, "model_dump") else {})
+        for name, one in held.items():
+            yield str(name).encode()
+            yield from _parts(one)
 
 
 def unit_of(cls: type[Any], name: str) -> str:

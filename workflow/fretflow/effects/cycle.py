@@ -15,6 +15,7 @@ from fretflow.case.config import Solver, Wear
 from fretflow.contact.interface import Interface
 from fretflow.contact.law import ContactState
 from fretflow.core.errors import InputError, did_you_mean
+from fretflow.core.records import digest
 from fretflow.effects.effect import Effect
 from fretflow.effects.model import EffectModel
 from fretflow.solvers.fourier import time_derivative
@@ -113,7 +114,7 @@ def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles:
     solver : PeriodicSolver, optional
         By default the quasi-static one.
     folder : Path or str, optional
-        Keeps a checkpoint of each jump; the same call goes on from the last one.
+        Keeps a checkpoint of each jump; the same call goes on from the last one, another is refused.
     progress : callable, optional
         Takes the cycles done and the cycles asked after each jump.
     settings
@@ -148,7 +149,10 @@ def march_wear(problem: PeriodicProblem | CycleModel[Any], law: Archard, cycles:
                          f"{did_you_mean(name, known)}")
     asked = WearSettings(coefficient=law.coefficient, upper_share=law.upper_share, cycles=cycles,
                          **{"scheme": Wear().scheme, **settings})
-    return run_history(_cycle_of(problem, effects, solver), asked, None if folder is None else Path(folder), progress)
+    cycle = _cycle_of(problem, effects := tuple(effects), solver)
+    used = getattr(cycle, "solver", None)
+    joint = "" if folder is None else digest(problem, effects, used, getattr(used, "settings", None))
+    return run_history(cycle, asked, None if folder is None else Path(folder), progress, joint)
 
 
 def find_asymptotic_shape(problem: PeriodicProblem | CycleModel[Any], law: Archard, volume: float, *,

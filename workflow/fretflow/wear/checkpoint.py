@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from fretflow.core.errors import StoreError
-from fretflow.core.store import read_record, write_record
+from fretflow.core.store import read_record, write_record, write_whole
 from fretflow.wear.history import WearSettings, WearStep
 
 S = TypeVar("S")
 
 
 class Checkpoints(Generic[S]):
-    """The checkpoint folder of one wear history.
+    """The checkpoint folder of one wear history; `joint` tells whose, where that is known.
 
     Raises
     ------
     StoreError
-        If the folder cannot be made, or was begun with other settings.
+        If the folder cannot be made, or was begun with other settings or another joint.
     """
 
-    def __init__(self, folder: Path, state_type: type[S], settings: WearSettings) -> None:
+    def __init__(self, folder: Path, state_type: type[S], settings: WearSettings, joint: str = "") -> None:
         self.folder = folder
         self.state_type = state_type
         try:
@@ -34,12 +34,17 @@ class Checkpoints(Generic[S]):
             for leftover in folder.glob(".*.tmp"):
                 leftover.unlink()
         except OSError as error:
-            raise StoreError(f"{folder}: cannot be written ({error}); choose another --out") from error
+            raise StoreError(f"{folder}: cannot be written ({error}); choose another folder") from error
         settings_file = folder / "settings.h5"
         if not settings_file.is_file():
             write_record(settings_file, settings)
         elif read_record(settings_file, WearSettings) != settings:
-            raise StoreError(f"{folder}: was begun with other settings; remove it or choose another --out")
+            raise StoreError(f"{folder}: was begun with other settings; remove it or choose another folder")
+        joint_file = folder / "joint.txt"
+        if joint and not joint_file.is_file():
+            write_whole(joint_file, joint.encode())
+        elif joint and joint_file.read_text(encoding="utf-8") != joint:
+            raise StoreError(f"{folder}: holds the wear of another joint; remove it or choose another folder")
 
     def steps(self) -> list[WearStep]:
         """Return the jumps made so far."""

@@ -20,7 +20,7 @@ Progress = Callable[[int, int], None]
 
 
 def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Path | None = None,
-                progress: Progress | None = None) -> WearHistory:
+                progress: Progress | None = None, joint: str = "") -> WearHistory:
     """March the wear to the asked cycles or, without laws over cycles that might revive it, until it vanishes.
 
     Jumps land exactly on `settings.stops` and on the end. With `checkpoint_dir` every jump is written
@@ -37,24 +37,26 @@ def run_history(model: CycleModel[S], settings: WearSettings, checkpoint_dir: Pa
         Folder of the checkpoints; the states at the asked counts stay there, see `checkpoint.kept_states`.
     progress : callable, optional
         Called with the cycles done and the cycles asked after each jump.
+    joint : str
+        Tells the model from others, whose checkpoints it does not go on from.
 
     Raises
     ------
     NonConvergenceError
         If a period is not found; `last_good` is the checkpoint folder.
     StoreError
-        If a checkpoint cannot be written or read.
+        If a checkpoint cannot be written or read, or is of another joint.
     """
-    joint = WearingJoint(model, settings)
-    scheme: Scheme[S] = Explicit(joint) if settings.scheme is WearScheme.EXPLICIT else Implicit(joint)
-    checkpoints = None if checkpoint_dir is None else Checkpoints(checkpoint_dir, model.state_type, settings)
+    wearing = WearingJoint(model, settings)
+    scheme: Scheme[S] = Explicit(wearing) if settings.scheme is WearScheme.EXPLICIT else Implicit(wearing)
+    checkpoints = None if checkpoint_dir is None else Checkpoints(checkpoint_dir, model.state_type, settings, joint)
     kept = {0, settings.cycles, *settings.stops}
     steps = checkpoints.steps() if checkpoints else []
     try:
         if steps and checkpoints:
             state = checkpoints.state(len(steps) - 1)
         else:
-            first, state = joint.unworn()
+            first, state = wearing.unworn()
             steps = [first]
             if checkpoints:
                 checkpoints.save(0, first, state, keep_previous=True)
