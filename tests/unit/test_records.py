@@ -67,6 +67,14 @@ def test_check_runs_also_on_a_changed_copy():
         dataclasses.replace(Pair(force=np.ones(1)), count=-1)
 
 
+def test_records_of_alike_arrays_are_equal():
+    """Of arrays numpy could not tell whether they are."""
+    made = [Remembering(memory={"layer_m": np.arange(3.0)}) for _ in range(2)]
+    assert made[0] == made[1]
+    assert made[0] != Remembering(memory={"layer_m": np.zeros(3)})
+    assert Pair(force=np.ones(2)) == Pair(force=np.ones(2)) != Pair(force=np.ones(2), count=2)
+
+
 def test_a_digest_tells_records_apart_by_what_they_hold():
     made = [Pair(force=np.ones(2)), Pair(force=np.ones((2, 1))), Pair(force=np.full(2, 1.0 + 1e-15)), Pair(
         force=np.ones(2), count=2), Remembering(memory={"a": np.ones(2)}), Remembering(memory={"b": np.ones(2)})]

@@ -64,6 +64,22 @@ def _in_short(value: Any, unit: str = "") -> str:
     return repr(value)
 
 
+def _equal(self: Any, other: Any) -> bool:
+    return type(self) is type(other) and all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if one is other:
+        return True
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(value, other[key]) for key, value in one.items())
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return bool(one == other)
+
+
 def _show(self: Any) -> str:
     shown = (f"{f.name}={_in_short(getattr(self, f.name), f.metadata.get('unit', ''))}" for f in fields(self) if f.repr)
     return f"{type(self).__qualname__}({', '.join(shown)})"
@@ -83,6 +99,7 @@ def record(cls: type[T]) -> type[T]:
             check()
 
     cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+    cls.__eq__ = _equal  # type: ignore[method-assign]
     if "__repr__" not in vars(cls):
         cls.__repr__ = _show  # type: ignore[method-assign]
     return dataclass(frozen=True, kw_only=True)(cls)
