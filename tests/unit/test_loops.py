@@ -48,6 +48,15 @@ def test_elastic_plastic_loop_against_closed_form(start, offset):
     assert seen.peak_to_peak == pytest.approx(2.0 * AMPLITUDE, rel=1e-4, abs=0.0)
 
 
+@pytest.mark.parametrize("rounds", [2, 3])
+def test_several_periods_are_not_read_as_one(rounds):
+    """They were a loop in partial slip, of several times the energy."""
+    noise = np.random.default_rng(3).standard_normal((2, rounds * 256))
+    x, force = (np.tile(one, rounds) + 0.02 * np.ptp(one) * own for one, own in zip(jenkins_loop(), noise, strict=True))
+    with pytest.raises(InputError, match=f"loop: holds {rounds} periods; give one"):
+        read_loop(HysteresisLoop(displacement=x, force=force), LOAD)
+
+
 def test_noise_leaves_the_readings_unbiased():
     rng = np.random.default_rng(7)
     x, force = jenkins_loop(samples=512)

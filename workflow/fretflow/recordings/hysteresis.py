@@ -30,6 +30,7 @@ PLATEAU_WINDOW = (0.2, 0.8)  # of the slip in a half-cycle: the ends are the kne
 PLATEAU_SLOPE = 0.1  # steepest plateau, as share of the stick slope
 FORCE_WEIGHT = 0.25  # beside displacement, each over its range, in the place of a reversal
 SHORTEST_SLIDE = 0.02  # of the peak-to-peak displacement
+BELOW = 0.02  # of the strongest harmonic: a single period has more below it, whatever resonates
 MIDDLE = 0.01  # of the force swing, about its middle, where a round loop is as wide as there to 1e-4
 
 
@@ -78,7 +79,8 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
     Raises
     ------
     InputError
-        If the load is not positive, the force is round-off beside it, or the guide has another length.
+        If the load is not positive, the force is round-off beside it, the loop holds several periods, or the guide has
+        another length.
 
     Notes
     -----
@@ -103,6 +105,8 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
     if normal_load is not None and np.ptp(loop.force) < np.finfo(float).eps * len(loop.force) * normal_load:
         raise InputError(f"loop: its force is round-off beside the normal load of {normal_load:g} N, so that nothing "
                          "rubs; see whether the excitation acts along the faces")
+    if (rounds := _rounds(loop.displacement)) > 1:
+        raise InputError(f"loop: holds {rounds} periods; give one, or their mean")
     guide = loop if guide is None else guide
     if len(guide.force) != len(loop.force):
         raise InputError(f"guide: has {len(guide.force)} samples for the loop's {len(loop.force)}; smooth the loop "
@@ -122,6 +126,13 @@ def read_loop(loop: HysteresisLoop, normal_load: float | None = None, guide: Hys
         regime=regime, friction_coefficient=None if limit is None or normal_load is None else limit / normal_load,
         friction_limit=limit, tangential_stiffness=stiffness, tangential_compliance=compliance,
         dissipated_energy=dissipated_energy(loop), sliding_distance=sliding, peak_to_peak=peak_to_peak)
+
+
+def _rounds(displacement: Array) -> int:
+    """Return how often a motion (N,) repeats itself: its strongest harmonic, where there is next to none below."""
+    size = np.abs(np.fft.rfft(displacement)[1:])
+    strongest = int(np.argmax(size))
+    return strongest + 1 if np.all(size[:strongest] < BELOW * size[strongest]) else 1
 
 
 @dataclass(frozen=True)
