@@ -141,7 +141,7 @@ def test_peak_and_damping_of_an_oscillator_are_those_of_the_closed_form():
 @pytest.mark.parametrize(("asked", "reason"), [
     ({"start": 60.0, "stop": 50.0}, "start must be positive and below stop"),
     ({"start": 50.0, "stop": 60.0, "channel": "tip"}, "tip"),
-    ({"start": 50.0, "stop": 60.0, "sample": 16}, "sample.*fields of Sweep")])
+    ({"start": 50.0, "stop": 60.0, "sample": 16}, "no setting sample; .*; did you mean samples")])
 def test_what_cannot_be_followed_is_refused(asked, reason):
     with pytest.raises(InputError, match=reason):
         continue_response(problem(2.0, 100.0), **asked)

@@ -294,6 +294,17 @@ def test_wear_kept_in_a_folder_is_of_one_joint(chain, tmp_path):
         march_wear(chain(0.0).vary(friction_coefficient=0.4), Archard(1e-14), 1000, folder=tmp_path)
 
 
+def test_outputs_may_have_any_name(chain):
+    """An output called arm was taken for the rig's, which has others; one called relative for the faces' sliding."""
+    given = chain(0.0)
+    named = replace(given, structure=replace(given.structure, observed={
+        name: given.structure.observed["first"] for name in ("first", "arm", "relative")}))
+    worn = [march_wear(one, Archard(1e-14), 1000).volume[-1] for one in (given, named)]
+    assert worn[1] == pytest.approx(worn[0], rel=1e-9)
+    with pytest.raises(InputError, match="relative is what response curves call the sliding of the faces"):
+        continue_response(named, 40.0, 50.0)
+
+
 def test_faces_on_springs_relax_by_all_that_gives_way():
     """With internal masses held still the faces seemed stiffer than they are, and no end of wear was found."""
     given, law = problem(60.0, 60.0), Archard(1e-13)

@@ -228,7 +228,7 @@ def respond(solution: PeriodicSolution, interface: Interface) -> CycleResponse:
     """Return what `solution` does to the contact `interface`, whose gap includes the wear."""
     response = summarise_cycle(solution.displacement, solution.force, solution.slip_increments,
                                solution.state != ContactState.SEPARATION, interface.gap, interface.areas)
-    if "arm" not in solution.outputs:
+    if not {"arm", "upper", "lower"} <= solution.outputs.keys():  # those of the rig
         return response
     apart = solution.upper_observation[:, 2] - solution.lower_observation[:, 2]
     return replace(response, arm_range=float(np.ptp(solution.output("arm"))), approach=-float(apart.mean()))

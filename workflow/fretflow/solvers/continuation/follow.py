@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from itertools import islice
 from math import pi, sqrt
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fretflow.case.config import Solver, explain
-from fretflow.core.errors import InputError, NonConvergenceError
+from fretflow.core.errors import InputError, NonConvergenceError, did_you_mean
 from fretflow.core.records import Array
 from fretflow.solvers.continuation.checkpoint import Checkpoint, Trace
 from fretflow.solvers.continuation.curve import (
@@ -109,8 +109,7 @@ class Sweep:
             if not (isinstance(value, kind) and 0.0 < float(value) < np.inf):
                 raise InputError(f"continue_response: {name} = {value!r} must be a positive number")
         if not self.directions or any(one not in [*SweepDirection] for one in self.directions):
-            raise InputError(f"continue_response: directions = {self.directions!r} must be some of "
-                             f"{', '.join(map(str, SweepDirection))}")
+            raise InputError(f"continue_response: directions = {self.directions!r} must be some of 1, up, and -1, down")
 
 
 @dataclass(frozen=True)
@@ -166,13 +165,17 @@ def continue_response(problem: PeriodicProblem, start: float, stop: float, chann
     if not 0.0 < start < stop:
         raise InputError(f"start {start:g} Hz, stop {stop:g} Hz: start must be positive and below stop")
     channels = channels_of(problem)
+    if channels.count("relative") > 1:
+        raise InputError("observe: relative is what response curves call the sliding of the faces; give your output "
+                         "another name")
     shown = channels[0] if channels[0] != "relative" or len(channels) == 1 else channels[1]
     channel_index(channel or shown, channels)
-    try:
-        own = SEVERAL if len(seen_coordinates(problem.boundary)) > 1 else {}
-        sweep = Sweep(float(start), float(stop), channel=channel or shown, **{**own, **settings})
-    except TypeError as error:
-        raise InputError(f"continue_response: {error}; settings are the fields of Sweep") from error
+    known = [one.name for one in fields(Sweep) if one.name not in ("start", "stop", "channel")]
+    for name in set(settings).difference(known):
+        raise InputError(f"continue_response: there is no setting {name}; there are {', '.join(known)}"
+                         f"{did_you_mean(name, known)}")
+    own = SEVERAL if len(seen_coordinates(problem.boundary)) > 1 else {}
+    sweep = Sweep(float(start), float(stop), channel=channel or shown, **{**own, **settings})
     sweep.check()
     check_problem(problem, min(sweep.harmonics, sweep.fine_harmonics))
     if not problem.excitation.amplitude > 0.0:
