@@ -244,6 +244,18 @@ def test_settings_of_a_march_are_checked(settings, words):
         ff.march_wear(slider(), ff.Archard(1e-14), 1000, **settings)
 
 
+def test_bolted_joints_check_friction_and_counts_of_modes_and_motions(right):
+    given = right["BoltedJoint"]
+    with pytest.raises(ff.InputError, match="friction coefficient: 2 values for 1 contact points"):
+        ff.BoltedJoint(**{**given, "law": ff.Coulomb([0.5, 0.5])})
+    joint = ff.BoltedJoint(**given)
+    for count in (0, -1):
+        with pytest.raises(ff.InputError, match=f"modes: asked for {count}; give at least 1"):
+            joint.linear_modes(count)
+    assert callable(ff.follow_mode)  # whose arguments are checked from now on
+    assert ff.study_joint(joint, np.array([1e-6]), periodic=0).motions == ()
+
+
 @pytest.mark.parametrize("form", ["csr", "csc", "coo", "bsr", "lil", "dok", "dia"])
 def test_sparse_matrices_of_any_format_are_taken(right, form):
     given = right["StructureMatrices"]

@@ -184,7 +184,7 @@ def study_joint(joint: BoltedJoint, amplitudes: Array, *, mode: int = 1, periodi
     curve = quasi_static_backbone(joint, shape, np.sort(amplitudes))
     told(0.4, "periodic motions")
     some = np.unique(np.linspace(0.3, 0.7, periodic) * (len(curve.amplitude) - 1)).round().astype(int)
-    motions = follow_mode(joint, shape, curve.amplitude[some])
+    motions = follow_mode(joint, shape, curve.amplitude[some]) if len(some) else ()
     responses = tuple(respond_to_force(curve, driven_shape(joint, shape, drive), force) for force in forces)
     worn = None
     if wear is not None:

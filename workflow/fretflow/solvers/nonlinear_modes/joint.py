@@ -174,6 +174,9 @@ class BoltedJoint:
             if values is not None and np.shape(values) != (size,):
                 raise InputError(f"{name}: has the shape {np.shape(values)}, but the joint's {m} contact points need "
                                  f"({size},)")
+        if np.size(mu := self.law.friction_coefficient) not in (1, m):
+            raise InputError(f"friction coefficient: {np.size(mu)} values for {m} contact points; give one, or one for "
+                             "each")
         if self.modal_damping is not None and not 0.0 <= self.modal_damping < 1.0:
             raise InputError(f"modal_damping: {self.modal_damping} is no damping ratio between 0 and 1")
         if self.modal_damping is None:
@@ -338,7 +341,15 @@ class BoltedJoint:
         return np.asarray(pressing > PRESSED * float(pressing.max()))
 
     def linear_modes(self, count: int) -> tuple[LinearMode, ...]:
-        """Return the first modes with all closed points stuck."""
+        """Return the first modes with all closed points stuck.
+
+        Raises
+        ------
+        InputError
+            If none are asked for, or the bolts leave parts free to move.
+        """
+        if count < 1:
+            raise InputError(f"modes: asked for {count}; give at least 1")
         k, m = assembled(self.structure)
         contact = len(self.structure.stiffness)
         soft = float(np.mean(1.0 / self.structure.stiffness.diagonal())) * RIGID_SPRING
