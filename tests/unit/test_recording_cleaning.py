@@ -119,6 +119,14 @@ def test_wrong_frequency_is_a_contradiction(tmp_path, make):
         read_joint_recording(made.write(tmp_path))
 
 
+@pytest.mark.parametrize("times", [2, 3, 10])
+def test_a_single_period_at_a_multiple_of_its_frequency_is_told(tmp_path, make, times):
+    """It was cut into as many loops, each closed by what was taken for a drift."""
+    made = make(repeats=1, frequency=100.0 / times, noise=(3e-8, 0.3))
+    with pytest.raises(UnreliableRecordingError, match="does not come back at the 100 Hz stated"):
+        read_joint_recording(made.write(tmp_path))
+
+
 def test_missing_samples_are_filled_and_named(tmp_path, make, exact):
     made = make()
     made.columns["friction_force"][[30, 31, 32, 333]] = np.nan

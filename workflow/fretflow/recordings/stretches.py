@@ -21,6 +21,8 @@ MOST_MISSING = 0.2  # of the samples of a stretch
 DRIFT_SIGNIFICANCE = 4.0  # standard deviations
 LEAST_DRIFT = 1e-6  # of the range: less is rounding
 OTHER_FREQUENCY = 0.02  # relative: beyond, the one that is given is wrong
+FAINT = 0.1  # of slower motion: what moves less at the frequency given has another
+MOST_UNSEEN = 64.0  # periods, of which a motion might be seen to come back three times or less
 WHOLE = 0.02  # of a period that may be lacking at the end
 
 
@@ -166,6 +168,7 @@ def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: 
     there = np.isfinite(values)
     crossings = p.upward_crossings(values[there]) if there.any() else np.zeros(0)
     if len(crossings) < (2 if not np.isfinite(given) else 4):
+        _must_come_back(time[there], values[there], given)
         return given
     at = np.interp(crossings, np.arange(there.sum()), time[there])
     if np.isfinite(given) and at[-1] - at[0] < 0.5 * (time[-1] - time[0]):
@@ -183,6 +186,20 @@ def _true_frequency(rows: NDArray[np.int64], time: Array, values: Array, given: 
     notes.add(f"cut into periods at the {frequency:.6g} Hz by which the signal comes back, not at {given:.6g} Hz",
               "time", rows)
     return frequency
+
+
+def _must_come_back(time: Array, values: Array, given: float) -> None:
+    """Refuse a stretch that is of a few periods by the frequency given, but moves slower than that."""
+    stated = (time[-1] - time[0]) * given if len(time) >= SHORTEST and np.isfinite(given) else 0.0
+    if not 1.5 < stated < MOST_UNSEEN:
+        return
+    angle = 2.0 * np.pi * np.outer((time - time[0]) * given, np.arange(1, round(stated) + 1) / round(stated))
+    basis = np.column_stack([np.ones_like(time), angle[:, 0], np.cos(angle), np.sin(angle)])  # a drift, too
+    _, _, *wave = np.linalg.lstsq(basis, values, rcond=None)[0]
+    size = np.hypot(*np.reshape(wave, (2, -1)))
+    if size[-1] < FAINT * size.max():
+        raise Unusable(f"the motion does not come back at the {given:.6g} Hz stated, of which there are {stated:.3g} "
+                       "periods; correct excitation_frequency or the unit of time", "time")
 
 
 def _filled(rows: NDArray[np.int64], turns: Array, values: Array, names: Sequence[str], notes: Notebook) -> Array:
