@@ -299,6 +299,22 @@ def test_what_no_passive_structure_has_is_refused(change, words):
         ff.Joint.from_matrices(**given)
 
 
+def test_friction_that_falls_with_pressure_has_a_reference():
+    """Below zero it held the faces together, whatever pulled."""
+    for pressure in (0.0, -5e6):
+        with pytest.raises(ff.InputError, match=f"reference_pressure {pressure} Pa must be positive"):
+            ff.Coulomb(0.5, exponent=0.3, reference_pressure=pressure)
+    with pytest.raises(ff.InputError, match="friction: reference_pressure is required"):
+        replace(slider(), law=ff.Coulomb(0.5, exponent=0.3), preload=ff.NormalLoad(0.0))
+    tight = ff.Interface([0, 1], [1e-6] * 2, [-6e-5, 1e-2])  # closed without a load, and a node out of reach
+    assert ff.solve_periodic(replace(slider(2), interface=tight, preload=ff.NormalLoad(0.0))).dissipated_energy > 0.0
+
+
+def test_an_effect_of_the_rig_alone_is_named():
+    with pytest.raises(ff.InputError, match=r"effects\.viscous: acts on the two-mass rig"):
+        ff.march_wear(slider(), ff.Archard(1e-14), 10, effects=[ff.catalogue()["viscous"]()])
+
+
 def test_free_bodies_that_are_pressed_together_need_the_quasi_static_solver():
     link = np.kron(np.array([[1.0, -1.0], [-1.0, 1.0]]), 1e6 * np.eye(3))
     rows = np.hstack([np.eye(3), -np.eye(3)])

@@ -47,8 +47,8 @@ class Coulomb:
         Raises
         ------
         InputError
-            If a friction coefficient is negative or not finite, the exponent does not lie in [0, 1), or the asymmetry
-            not within (-1, 1).
+            If a friction coefficient is negative or not finite, the exponent does not lie in [0, 1), the asymmetry not
+            within (-1, 1), or a reference pressure that it needs is not positive.
         """
         mu = np.asarray(self.friction_coefficient)
         if not (mu.ndim < 2 and mu.dtype.kind in "fiu" and np.all(np.isfinite(mu)) and np.all(mu >= 0.0)):
@@ -56,6 +56,8 @@ class Coulomb:
         if not (0.0 <= self.exponent < 1.0 and -1.0 < self.asymmetry < 1.0):
             raise InputError(f"friction: exponent {self.exponent} must lie in [0, 1) and asymmetry {self.asymmetry} "
                              "between -1 and 1")
+        if self.exponent and self.reference_pressure is not None and not self.reference_pressure > 0.0:
+            raise InputError(f"friction: reference_pressure {self.reference_pressure} Pa must be positive")
 
     def on(self, areas: Array, normal_load: float) -> Coulomb:
         """Return the law of nodes of `areas` (nodes,) m^2 under a normal load in N: f_0 is p_0 times the area."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fretflow.core.errors import InputError
 from fretflow.core.records import record
 from fretflow.effects.catalogue import check_together
 from fretflow.effects.effect import Array, Effect, in_acting_order
@@ -47,7 +48,10 @@ class EffectModel:
         if np.any(slow.depth):
             problem = replace(problem, interface=replace(face, gap=face.gap + slow.depth))
         for effect in in_acting_order(self.effects):
-            problem = effect.period(problem, slow)
+            try:
+                problem = effect.period(problem, slow)
+            except InputError as error:
+                raise InputError(f"effects.{effect.id}: {error}") from error
         return problem
 
     def initial(self) -> SlowState:

@@ -165,8 +165,12 @@ class PeriodicProblem:
         Raises
         ------
         InputError
-            If it has a friction coefficient for each of another number of nodes.
+            If it has a friction coefficient for each of another number of nodes, or falls with a pressure whose
+            reference nothing tells.
         """
+        if self.law.exponent and self.law.reference_pressure is None and not self.preload.force:
+            raise InputError("friction: reference_pressure is required, as there is no normal load whose mean pressure "
+                             "it could be")
         if np.size(self.law.friction_coefficient) not in (1, self.interface.size):
             raise InputError(f"friction coefficient: {np.size(self.law.friction_coefficient)} values for "
                              f"{self.interface.size} contact nodes; give one, or one for each")

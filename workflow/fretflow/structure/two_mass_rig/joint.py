@@ -82,7 +82,7 @@ def rig_of(structure: Structure) -> JointModel:
         If it is none.
     """
     if not hasattr(structure, "rig"):
-        raise InputError("this acts on the two-mass rig; the structure is another one")
+        raise InputError("acts on the two-mass rig, and the structure is another one; leave it out")
     return cast(JointModel, structure)
 
 
