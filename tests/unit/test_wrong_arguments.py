@@ -116,6 +116,8 @@ def test_wrong_arguments_are_an_error_of_the_project_or_none(name, right, monkey
      "HysteresisLoop: displacement must be an array of finite numbers, got 'x'"),
     (lambda: ff.Material(youngs_modulus=2.05e5, poissons_ratio=0.3, density=7.85e-9),
      "density: 7.85e-09 kg/m^3 is below that of any solid; all is in SI, also where a mesh counts in millimetres"),
+    (lambda: ff.Material(youngs_modulus=205e3, poissons_ratio=0.3, density=7850.0),
+     "youngs_modulus: 205000 Pa is below that of soft rubber; all is in SI, also where a mesh counts in millimetres"),
     (lambda: ff.Joint.from_matrices(csr_matrix(np.eye(3)), np.eye(3), contact=[0]),
      "Joint.from_matrices: stiffness must be an array of finite numbers, got a sparse csr_matrix; give its toarray()"),
     (lambda: ff.HysteresisLoop(displacement=np.ma.masked_greater(WAVE[0], 0.9), force=WAVE[1]),
@@ -292,6 +294,7 @@ def test_lists_are_arrays_and_of_the_right_length():
     ({"observe": {"tip": np.full(3, np.nan)}}, "tip must be finite"),
     ({"observe": {"tip": np.zeros(3)}}, "tip must be finite"),
     ({"stiffness": np.diag([1e6, -2e5, 1e6]), "modal_damping": None}, "K: is not positive"),
+    ({"mass": np.array([[1.0, 1.5, 0.0], [1.5, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "M: is not positive"),
     ({"damping": -np.eye(3)}, "C: is not positive")])
 def test_what_no_passive_structure_has_is_refused(change, words):
     given = {"stiffness": 1e6 * np.eye(3), "mass": np.eye(3), "contact": [0], "contact_compliance": 1e-9, **change}

@@ -9,6 +9,7 @@ from fretflow.core.records import quantity, record
 
 SHEAR_SHAPE = 0.9  # of a round section: G. R. Cowper, J. Appl. Mech. 33 (1966) 335
 LIGHTEST = 0.1  # kg/m^3, aerogels
+SOFTEST = 1e6  # Pa
 
 
 @record
@@ -36,9 +37,11 @@ class Material:
         for name in ("youngs_modulus", "density"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name}: must be positive, got {getattr(self, name)}")
-        if self.density < LIGHTEST:
-            raise InputError(f"density: {self.density:g} kg/m^3 is below that of any solid; all is in SI, also where a "
-                             "mesh counts in millimetres")
+        for name, least, what in (("density", LIGHTEST, "kg/m^3 is below that of any solid"),
+                                  ("youngs_modulus", SOFTEST, "Pa is below that of soft rubber")):
+            if getattr(self, name) < least:
+                raise InputError(f"{name}: {getattr(self, name):g} {what}; all is in SI, also where a mesh counts in "
+                                 "millimetres")
         if not -1.0 < self.poissons_ratio < 0.5:
             raise InputError(f"poissons_ratio: must lie between -1 and 0.5, got {self.poissons_ratio}")
 

@@ -165,7 +165,7 @@ class Joint:
             damping=_padded(np.zeros((size, size)) if damping is None else damping, extra, 0.0),
             contact_map=np.hstack([rows, np.zeros((len(rows), extra))]), areas=np.ones(n), points=np.zeros((n, 3)))
         k, m, c = (np.asarray(part)[:whole, :whole] for part in (checked.stiffness, checked.mass, checked.damping))
-        _check_sign(K=k, C=c)
+        _check_sign(M=m, K=k, C=c)
         made = cls(mass=m, stiffness=k, damping=c + _modal(k, m, modal_damping), contact_map=rows, observed=observed,
                    springs=springs, modes=modes)
         if modes is not None and not 1 <= modes <= len(made._all_modes.squares):
