@@ -217,7 +217,7 @@ def test_what_is_stated_and_what_is_free_share_as_their_densities_tell(sds: tupl
         searches.append(start_search(experiment, experiment.predict(Point(experiment.parameters(()), np.zeros(1))),
                                      FAST, lambda function, arguments: [function(one) for one in arguments]))
     stated, free = ((one.experiment, one) for one in searches)
-    _, search, ((share, known),) = either((*stated, []), free)
+    _, search, ((share, known),) = either((*stated, []), (*free, []))
     assert search is searches[sds.index(0.01)]
     assert share == pytest.approx(1.0 / 101.0, rel=0.05)
     assert known.none == pytest.approx(posterior(search).none, abs=0.01)

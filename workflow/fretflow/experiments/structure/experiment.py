@@ -27,7 +27,6 @@ from fretflow.inference.experiment import TOLERANCE, Experiment, Measurement, Po
 from fretflow.inference.parameters import HALF, Coordinate, Parameters
 from fretflow.recordings.kinds.structure_sections import TYPICAL
 from fretflow.recordings.kinds.structures import MeasuredBackbone, StructureRecording
-from fretflow.recordings.notes import Note
 from fretflow.solvers.nonlinear_modes.joint import BoltedJoint, LinearMode
 from fretflow.solvers.nonlinear_modes.periodic_mode import (
     DYNAMIC,
@@ -219,25 +218,19 @@ class StructureExperiment(Experiment):
         laid = np.linspace(-HALF, HALF, 1 + int(2.0 * HALF / 0.5))  # half of a sd apart
         return [Point(space, at * np.eye(space.size)[int(np.argmax(size))]) for at in laid]
 
-    def released(self, point: Point) -> tuple[StructureExperiment, Point]:
-        """Return the same as if nothing were said of the stated values, and a baseline point in it."""
-        own, values = self.recording, point.parameters.values(point.z)[""]
+    def released(self) -> StructureExperiment:
+        """Return the same as if nothing were said of the stated values."""
+        own = self.recording
         ranges = {name: (min(TYPICAL[name][0], 0.5 * value), max(TYPICAL[name][1], 2.0 * value))
                   for name, value in own.known.items() if value > 0.0}
         kept = {name: value for name, value in own.known.items() if name not in ranges}
-        free = replace(self, recording=replace(own, known=kept, unknown={**own.unknown, **ranges}))
-        space = free.parameters(())
-        return free, Point(space, np.array([(log(values[one.field]) - one.middle) / one.size
-                                            for one in space.coordinates]))
+        return replace(self, recording=replace(own, known=kept, unknown={**own.unknown, **ranges}))
 
-    def noting_values(self, point: Point, stated: Mapping[str, float]) -> StructureExperiment:
-        """Return the same with a note of what the recording states and a baseline point has otherwise."""
-        values = point.parameters.values(point.z)[""]
-        off = ", ".join(f"{name} {values[name]:.3g} instead of {value:.3g}" for name, value in stated.items()
-                        if value > 0.0 and abs(log(values[name] / value)) > 2.0 * HALF * STATED)
-        note = Note("structure", f"the values it states contradict its backbone; free, nothing is missing: {off} in "
-                                 "SI; check them")
-        return replace(self, recording=replace(self.recording, notes=(*self.recording.notes, note)))
+    def at(self, point: Point) -> Point:
+        """Return the point of this experiment's parameters that has the values of another experiment's."""
+        space, values = self.parameters(point.parameters.effects, point.parameters.signs), point.parameters.values(
+            point.z)
+        return Point(space, np.array([one.place(values[one.effect][one.field]) for one in space.coordinates]))
 
     def _scaled(self, effect: str, field: str, prior: Prior) -> Prior | None:
         """Return a range of the catalogue, which is a rig's, at the size of the structure."""

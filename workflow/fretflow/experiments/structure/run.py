@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from math import exp, log
+from math import exp, log, log1p
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from fretflow.core.units import pretty_quantity
 from fretflow.effects.catalogue import described
 from fretflow.experiments.independent import in_turn
 from fretflow.experiments.structure import backbone, worn
-from fretflow.experiments.structure.experiment import StructureExperiment
+from fretflow.experiments.structure.experiment import STATED, StructureExperiment
 from fretflow.experiments.structure.profiles import ProfileExperiment
 from fretflow.experiments.tools import DiagnosisTools
 from fretflow.inference.corrections import correct
@@ -60,17 +60,18 @@ def diagnose_structure(recording: StructureRecording | WornRecording, fast: bool
 
 
 def _of_backbone(recording: StructureRecording, pool: Pool, fast: bool, progress: Progress) -> Diagnosis:
-    experiment = StructureExperiment.of(recording)
+    plain = experiment = StructureExperiment.of(recording)
     progress(0.1, "; ".join(["refitting the baseline", *backbone.outside_of_mode(experiment)]))
     effort = QUICK if fast or experiment.many else FULL
     search = start_search(experiment, experiment.first_prediction(), effort, pool)
     begin_baselines(experiment, search)
     _search_where_detected(search, lambda share, text: progress(0.15 + 0.3 * share, text))
     experiment, search, others = told_again(experiment, search)
-    detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.35 * share, text))
-    free = None if detection.p_value >= FALSE_ALARMS else released(experiment, search)
-    if free is not None:
-        found = _search_where_detected(free[1], progress)
+    detection = _search_where_detected(search, lambda share, text: progress(0.45 + 0.2 * share, text))
+    contradicted = min(detection.p_value, p_of_stated(search, plain.recording)) < FALSE_ALARMS
+    if contradicted and any(plain.recording.known.values()):
+        free = told_again(plain.released(), released(plain.released(), search))
+        found = _search_where_detected(free[1], lambda share, text: progress(0.65 + 0.2 * share, text))
         experiment, search, others = either((experiment, search, others), free)
         detection = found if search is free[1] else detection
     for _ in range(AGAIN):
@@ -83,7 +84,7 @@ def _of_backbone(recording: StructureRecording, pool: Pool, fast: bool, progress
     made, left = estimates(search, decision.after), remainder(search, decision)
     return diagnosed(
         recording, decision, detection, parameters=made, held_out=unseen, remainder=left,
-        warnings=(*backbone.warnings(experiment), *beyond_stated(recording, made)), **next_and_visible(
+        warnings=(*backbone.warnings(experiment), *beyond_stated(plain.recording, made)), **next_and_visible(
             search, decision, backbone.NEXT), **backbone.told(experiment, search, decision, left))
 
 
@@ -186,21 +187,20 @@ def fitted_by(search: Search, known: Posterior) -> Posterior:
     return replace(known, sets={names: own for names, own in known.sets.items() if names in search.fits})
 
 
-def either(stated: tuple[StructureExperiment, Search, list[Weighed]], free: tuple[StructureExperiment, Search]
+def either(*readings: tuple[StructureExperiment, Search, list[Weighed]]
            ) -> tuple[StructureExperiment, Search, list[Weighed]]:
     """Return the more probable of a structure of the stated values and of free ones, with what the other says.
 
     That a stated value is wrong is as probable beforehand as that none is.
     """
-    (experiment, search, others), (released_one, again) = stated, free
-    told, found = posterior(search), posterior(again)
-    totals = [known.log_evidence + own.discrepancy.covariance.log_density
-              for known, own in ((told, search), (found, again))]
-    share = float(expit(totals[1] - totals[0]))
-    if share >= 0.5:
-        return released_one, again, [(1.0 - share, fitted_by(again, averaged(told, others)))]
-    return experiment, search, [*(((1.0 - share) * own, known) for own, known in others),
-                                (share, fitted_by(search, found))]
+    known = [posterior(search) for _, search, _ in readings]
+    total = [own.log_evidence + search.discrepancy.covariance.log_density - log1p(-sum(share for share, _ in others))
+             for own, (_, search, others) in zip(known, readings, strict=True)]
+    first, second = np.argsort(total)[::-1]
+    share = float(expit(total[second] - total[first]))
+    experiment, search, others = readings[first]
+    other = fitted_by(search, averaged(known[second], readings[second][2]))
+    return experiment, search, [*(((1.0 - share) * own, one) for own, one in others), (share, other)]
 
 
 def gone_on(experiment: StructureExperiment, search: Search, sets: Sequence[Names]) -> Search:
@@ -240,20 +240,21 @@ def told_task(asked: tuple[StructureExperiment, Effort, Point]) -> tuple[float, 
     return value, one
 
 
-def released(experiment: StructureExperiment, search: Search) -> tuple[StructureExperiment, Search] | None:
-    """Return an experiment whose stated values are free, if then nothing is missing: a wrong value is no physics."""
-    if not experiment.recording.known:
-        return None
-    free, at = experiment.released(search.baseline.prediction.point)
-    fits = [start_search(free, free.predict(one), search.effort, search.pool).baseline
-            for one in (at, replace(at, z=np.zeros_like(at.z)))]
-    first = min(fits, key=lambda fit: fit.objective).prediction
-    told = free.told_at(first)
-    again = start_search(told, told.predict(first.point), search.effort, search.pool)
-    if detect(again).p_value < FALSE_ALARMS:
-        return None
-    at, (mean, _) = again.baseline.prediction.point, again.evidence(frozenset()).coordinates(again.prior(frozenset()))
-    return told.noting_values(replace(at, z=mean), experiment.recording.known), again
+def p_of_stated(search: Search, recording: StructureRecording) -> float:
+    """Return the p-value of how far the baseline is from the values that its recording states as known."""
+    fit = search.baseline
+    off = fit.z[[one.field in recording.known for one in fit.parameters.coordinates]]
+    return float(chi2.sf(float(off @ off), max(len(off), 1)))
+
+
+def released(free: StructureExperiment, search: Search) -> Search:
+    """Return a search from the fits of another on, as if nothing were said of the stated values."""
+    starts = [free.at(fit.prediction.point) for fit in search.fits.values()]
+    middle = free.parameters(())
+    again = start_search(free, free.predict(starts[0]), search.effort, search.pool)
+    again.keep(again.pool(fit_task, [Task(again.fitter, one, None, search.effort.last_steps) for one in (
+        *starts, Point(middle, np.zeros(middle.size)))]))
+    return again
 
 
 def detect(search: Search) -> Detection:
@@ -281,13 +282,17 @@ def estimates(search: Search, names: Names) -> tuple[Estimate, ...]:
 
 
 def beyond_stated(recording: StructureRecording, made: Iterable[Estimate]) -> list[str]:
-    """Return a warning for each value that lies beyond the range that the recording gives it."""
+    """Return a warning for each value that is another than the recording states, or beyond the range that it gives."""
     notes = []
     for one in made:
-        low, high = recording.unknown.get(one.name.removeprefix("structure."), (-np.inf, np.inf))
+        name = one.name.removeprefix("structure.")
+        low, high = recording.unknown.get(name, (-np.inf, np.inf))
+        stated = recording.known.get(name, 0.0)
+        value, low_end, high_end, said = (pretty_quantity(v, one.unit, 3) for v in (one.value, low, high, stated))
         if not low <= one.value <= high:
-            value, low_end, high_end = (pretty_quantity(v, one.unit, 3) for v in (one.value, low, high))
             notes.append(f"{one.name} = {value} lies beyond the stated {low_end} to {high_end}")
+        if stated > 0.0 and abs(log(one.value / stated)) > 2.0 * HALF * STATED:
+            notes.append(f"{one.name} = {value} instead of {said}, which the backbone contradicts; check it")
     return notes
 
 
