@@ -39,6 +39,25 @@ def test_more_samples_bring_the_friction_force_to_that_of_time_integration(effec
     assert np.linalg.norm(lines(coarse.solution.friction_force) - wanted) > 0.006 * np.linalg.norm(wanted)
 
 
+@pytest.mark.parametrize(("play", "rounding"), [("2.5 um", 0.1), ("4 um", 0.5)])
+def test_a_play_is_fitted_with_the_harmonics_that_it_rings_and_found_beside_a_joint_without_it(
+        play, rounding, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    import small_rig
+
+    model = small_rig.rig(small_rig.observed({"displacement": 3e-8}, (0,), (), 2e-15, 3e-9))
+    plain, asked = Hypothesis(), Hypothesis(effects=(Backlash(play=play, rounding=rounding),))
+    assert model.resolving(plain) is model
+    resolved = model.resolving(asked)
+    assert resolved.samples / 4 > 27.0 > resolved.samples / 8  # the arm sounds near 3,000 Hz
+    (own,), (few,) = (one.simulate(asked, model.simulate(plain)).loops for one in (resolved, model))
+    history = settle(own.problem, own.solution, (4, 40), STEPS, REPEATS)
+    wanted = lines(history.of_period(history.friction_force))
+    far = [np.linalg.norm(lines(one.solution.friction_force) - wanted) / np.linalg.norm(wanted) for one in (own, few)]
+    assert far[0] < 0.02
+    assert far[1] > 2.0 * far[0]
+
+
 def test_a_baseline_that_few_harmonics_do_not_lead_to_is_sought_from_nothing(monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parent)
     import small_rig
@@ -59,29 +78,15 @@ def test_a_baseline_that_few_harmonics_do_not_lead_to_is_sought_from_nothing(mon
         model.simulate(Hypothesis(effects=(Backlash(play="2.5 um"),)))
 
 
-def test_half_the_samples_lead_to_periods_across_a_play_that_few_harmonics_do_not(monkeypatch):
-    """Which ones is up to the last digit, and so to the machine; those that both lead to are the same."""
+@pytest.mark.parametrize("play", ["1.9 um", "2.3 um", "2.5 um"])
+def test_periods_across_a_play_are_found_with_all_samples_at_once(play, monkeypatch):
+    """The joint's own motion in time leads there, also where the hinge damps half as much."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
     import small_rig
 
     dense = small_rig.rig(small_rig.observed({"displacement": 3e-7}, (0,), (), 2e-15, 3e-9)).denser()
-
-    def led(one, *start):
-        try:
-            return one.simulate(asked, *start).loops[0].solution.friction_force
-        except NonConvergenceError:
-            return None
-
-    solved, unsolved = 0, 0
-    for play in ("1.9 um", "2.3 um", "2.5 um"):
-        asked = Hypothesis(effects=(Backlash(play=play),), damping=0.5)
-        own = led(dense)
-        few = led(dense, replace(dense, harmonics=16).simulate(asked))
-        solved, unsolved = solved + (own is not None), unsolved + (few is None)
-        if own is not None and few is not None:
-            assert lines(own) == pytest.approx(lines(few), abs=0.05)  # N, of 50
-    assert solved == 3
-    assert unsolved > 0
+    (period,) = dense.simulate(Hypothesis(effects=(Backlash(play=play),), damping=0.5)).loops
+    assert period.solution.residual_history[-1] < 1e-4
 
 
 @pytest.mark.parametrize(("arm", "doubled"), [(1600.0, True), (2500.0, False)])
@@ -102,7 +107,7 @@ def test_an_arm_that_sounds_where_harmonics_end_asks_for_more_samples(arm, doubl
     assert not is_seen(seen, 10.0 * (many - more))
 
 
-def test_a_play_that_rings_is_fitted_with_more_samples_and_keeps_no_derivative_of_fewer(monkeypatch):
+def test_a_play_that_rings_is_fitted_with_more_samples(monkeypatch):
     """What few harmonics leave out of impacts changes with damping and play: put right at one fit it is not beside it.
 
     The reference is the model with four times the samples, where the play is another and the hinge damps otherwise.
@@ -120,15 +125,12 @@ def test_a_play_that_rings_is_fitted_with_more_samples_and_keeps_no_derivative_o
     fit = fitter.at(at(coarse, "backlash", play=2.5e-6, rounding=0.1), None)
     own, anew = correct_task((fitter, fit))
     assert (coarse.rig.samples, own.experiment.rig.samples, own.experiment.checks[0].samples) == (64, 128, 128)
-    assert own.experiment.has_made(anew.prediction)
-    assert not own.experiment.has_made(fit.prediction)
-    assert np.abs(anew.jacobian - fit.jacobian).max() > 0.1 * np.abs(fit.jacobian).max()
+    assert all(own.experiment.has_made(one.prediction) for one in (fit, anew))
     beside = at(coarse, "backlash", damping=3.0, play=2.3e-6, rounding=0.1)
-    wanted = rig.denser().predict(rig.denser().simulate(hypothesis(beside)))
-    once = replace(coarse, correction=own.experiment.checks[1].predict(
-        own.experiment.checks[1].simulate(hypothesis(fit.prediction.point))) - fit.predicted)
-    left = [np.linalg.norm((one.predict(beside, fit.prediction).values - wanted) / seen.floor)
-            for one in (once, own.experiment)]
+    (wanted, few), (at_fit, few_at_fit) = ([one.predict(one.simulate(hypothesis(point)))
+                                            for one in (rig.denser(), rig)] for point in (beside, fit.prediction.point))
+    left = [np.linalg.norm((one - wanted) / seen.floor)
+            for one in (few + at_fit - few_at_fit, own.experiment.predict(beside, fit.prediction).values)]
     assert left[1] < 0.5 * left[0]
 
 

@@ -43,7 +43,8 @@ def recorded(monkeypatch):
     def fit(*effects, noise=1.0, samples=SAMPLES, **baseline):
         sd = {name: noise * own for name, own in SD.items()}
         own = replace(small_rig.rig(small_rig.observed(sd, (0, 4000), (), 2e-15, 3e-9)), samples=samples)
-        true = own.predict(own.simulate(Hypothesis(effects=effects, **baseline)))
+        hypothesis = Hypothesis(effects=effects, **baseline)
+        true = own.predict(own.resolving(hypothesis).simulate(hypothesis))
         seen = replace(own, observation=replace(own.observation, values=true))
         experiment = RigExperiment(seen, np.zeros(len(true)), np.zeros((len(true), 0)))
         fitter, space = Fitter(experiment, experiment.measurement.covariance()), experiment.parameters(())
@@ -190,7 +191,10 @@ def test_a_damping_ratio_that_is_not_the_stated_one_is_fitted(recorded, factor):
 
 
 def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatch):
-    """Across a play more than twice as wide at once; in time, which chatters there, what was found all but stays."""
+    """Across a play more than twice as wide at once; in time, which chatters there, what was found all but stays.
+
+    Where neither a Jenkins element nor the joint after it leads, the joint is marched until it settles.
+    """
     monkeypatch.syspath_prepend(Path(__file__).parent)
     import small_rig
 
@@ -198,13 +202,14 @@ def test_a_period_that_newton_loses_is_found_where_the_motion_settles(monkeypatc
     narrow, wide = (Hypothesis(effects=(Backlash().changed(play=play),)) for play in (0.2e-6, 0.5e-6))
     before = rig.simulate(narrow)
     period = rig.simulate(wide, before).loops[0]
-    with pytest.raises(NonConvergenceError):  # whoever can take a shorter step marches nothing
-        rig.solver(settlings=0).solve(period.problem, before.loops[0].solution)
+    with pytest.raises(NonConvergenceError):  # a step of load or force is shortened instead
+        rig.solver()._find(period.problem, 128, before.loops[0].solution, settling=False)
     moved = period.solution.displacement[:, :, 0].mean(axis=1)
     marched = integrate(period.problem, period.solution, 20, 512)
     assert marched.change[-1] < 0.01
     assert np.ptp(marched.of_period(marched.relative_displacement)) == pytest.approx(np.ptp(moved), rel=0.01)
     once, tried = rig.solver(settlings=1), []
+    monkeypatch.setattr(quasi_static, "marched_starts", lambda *_: iter(()))
     monkeypatch.setattr(quasi_static, "settled_starts", lambda *_: tried.append(once) or iter(()))
     for _ in range(2):  # what was in vain once is not tried again
         with suppress(NonConvergenceError):
@@ -252,7 +257,7 @@ def test_friction_below_zero_on_the_way_is_no_solution(monkeypatch):
     import small_rig
 
     rig = small_rig.rig(small_rig.observed(SD, (0, 4000), (), 2e-15, 3e-9))
-    with pytest.raises(NonConvergenceError, match="leaves what a joint may be: friction_coefficient"):
+    with pytest.raises(NonConvergenceError, match=r"leaves what a joint may be: .*friction_coefficient"):
         rig.simulate(Hypothesis(effects=(Sinking(),)))
 
 
@@ -294,7 +299,7 @@ def test_a_load_that_is_raised_is_never_tried_twice_from_the_same_start():
     class Failing(quasi_static.QuasiStaticSolver):
         """A solver that finds nothing beyond six tenths."""
 
-        def _find(self, problem, samples, start, marched=False, settling=True):
+        def _find(self, problem, samples, start, settling=True):
             tried.append((start, problem))
             if problem > 0.6:
                 raise NonConvergenceError("beyond")

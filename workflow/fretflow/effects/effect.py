@@ -196,7 +196,7 @@ class Effect(Section):
     over_cycles: ClassVar[bool] = False  # whether `period` follows cycles, energy or memory
     acts_at: ClassVar[int] = 0  # when `period` acts: 1 after those that change gap, load or layers, which it depends on
     first_order: ClassVar[bool] = True  # whether its change of the data tells how the period will change
-    smooth: ClassVar[str] = ""  # the parameter whose large values make its law smooth, with periods found from afar
+    smooth: ClassVar[str] = ""  # the parameter whose large values smooth its corners, at which it strikes the bodies
     chances: ClassVar[int] = 0  # how many things it leaves to chance within a period: `drawn` takes them
     sensed_at: ClassVar[int] = 0  # where `sense` acts: 0 at the joint, 1 in the force path, 2 in the channels
 

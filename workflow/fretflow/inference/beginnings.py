@@ -150,8 +150,9 @@ def is_told(point: Point, origin: Fit) -> bool:
 def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterator[Point]:
     """Return points of the ranges of each further one of some effects: the middle, the weak end, and beside the middle.
 
-    A law that a parameter makes smooth is begun smooth, too, in all others: where it is sharp, its objective has minima
-    on the way (graduated non-convexity: A. Blake, A. Zisserman, Visual Reconstruction (1987)). Of an effect with
+    A law that a parameter makes smooth is begun sharp and smooth in all others: where it is sharp, its objective has
+    minima on the way (graduated non-convexity: A. Blake, A. Zisserman, Visual Reconstruction (1987)), and where it is
+    smooth, valleys that lead past what is sharp. Of an effect with
     several strengths, such as heights of a gap, no point beside the middle is weak in all, and what it does there may
     have nothing to do with what it does at first.
     """
@@ -176,7 +177,7 @@ def _laid(experiment: Experiment, origin: Fit, effects: Iterable[str]) -> Iterat
                    for place in np.flatnonzero(space.own(name) & ~space.chances)}
             smooth = own.pop(catalogue()[name].smooth, None)
             quartiles = norm.interval(0.5)
-            begun = [middle] if smooth is None else [middle, middle + quartiles[1] * smooth]
+            begun = [middle] if smooth is None else [middle, *(middle + quartile * smooth for quartile in quartiles)]
             yield from (Point(space, one) for one in begun[1:])
             yield from (Point(space, one + quartile * step) for one in begun for step in own.values()
                         for quartile in quartiles)

@@ -282,12 +282,15 @@ def begin_elsewhere(search: Search, untold: Sequence[Task]) -> None:
     begin(search, [task for own in starts.values() for task in own[:search.effort.starts]])
     (leader,) = search.best(1)[:1] or [frozenset()]
     if not is_explained(search) and not all(catalogue()[one].first_order for one in leader):
-        begin(search, starts.get(leader, [])[search.effort.starts:])
+        begin(search, starts.get(leader, [])[search.effort.starts:], search.effort.last_steps)
 
 
-def begin(search: Search, tasks: Sequence[Task]) -> None:
-    """Fit effects from some starts, as far as they may matter."""
-    fits = search.pool(fit_task, tasks)
+def begin(search: Search, tasks: Sequence[Task], steps: int = 0) -> None:
+    """Fit effects from some starts so many steps, and on as far as they may matter.
+
+    Where a start of an effect that first order does not tell leads shows after some steps alone.
+    """
+    fits = search.pool(fit_task, [replace(task, steps=steps) for task in tasks])
     search.keep(fits)
     go_on(search, [fit for fit in fits if fit is not None], search.effort.last_steps)
 
@@ -341,7 +344,7 @@ def begin_untold_leader(search: Search, fitter: Fitter, laid: Iterable[tuple[Beg
     leader = search.best(1)[:1]
     untold = [(one, fit) for one, fit in laid
               if [one.point.effects] == leader and not is_told(one.point, one.origin)]
-    begin(search, [task for one, fit in untold for task in elsewhere(fitter, one, fit)])
+    begin(search, [task for one, fit in untold for task in elsewhere(fitter, one, fit)], search.effort.last_steps)
     return {one.point.effects for one, _ in untold}
 
 

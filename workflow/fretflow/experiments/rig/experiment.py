@@ -66,12 +66,14 @@ class RigExperiment(Experiment):
             If a period is not found, or numbers are beyond all bounds.
         """
         known = None if near is None or not self.has_made(near) else resensed(near, point)
-        simulation = known or self.rig.simulate(hypothesis(point), None if near is None else near.state)
+        of = hypothesis(point)
+        simulation = known or self.rig.resolving(of).simulate(of, None if near is None else near.state)
         return Prediction(point, self.rig.predict(simulation) + self.correction, simulation)
 
     def has_made(self, prediction: Prediction) -> bool:
         """Tell whether a prediction has this resolution."""
-        return simulation_of(prediction).resolution == self.rig.resolution
+        simulation = simulation_of(prediction)
+        return simulation.resolution == self.rig.resolving(simulation.hypothesis).resolution
 
     def changes(self, prediction: Prediction, points: Sequence[Point]) -> Array:
         """Return the first-order changes (M, V), from one march; those of sensors alone are exact."""
@@ -148,8 +150,10 @@ class RigExperiment(Experiment):
                 prediction = self.predict(replace(point, neutral=point.neutral | drawn), prediction)
             except NonConvergenceError:
                 return None
-        (fine, dense), rig, coarse = self.checks, self.rig, prediction.values - self.correction
-        observation, simulation = rig.observation, simulation_of(prediction)
+        simulation, coarse = simulation_of(prediction), prediction.values - self.correction
+        rig, fine = (one.resolving(simulation.hypothesis) for one in (self.rig, self.checks[0]))
+        dense = self.checks[1]
+        observation = rig.observation
         twice = rig.twice_as_dense() if 2 * rig.samples < dense.samples else None
         try:
             if twice is not None:  # at once to all samples, Newton loses what rings otherwise with few

@@ -33,6 +33,8 @@ from fretflow.experiments.rig.simulation import (
 from fretflow.inference.experiment import TOLERANCE
 from fretflow.recordings.schema import DisplacementOf, MeasuredAt, SweepCondition
 from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
+from fretflow.solvers.quasi_static.internal import seen_coordinates
+from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.solver import SMALLEST_SHARE, QuasiStaticSolver
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import rig_of
@@ -118,6 +120,24 @@ class RigModel:
     def twice_as_dense(self) -> RigModel:
         """Return the same with twice as many samples and harmonics."""
         return replace(self, samples=2 * self.samples)
+
+    def resolving(self, hypothesis: Hypothesis) -> RigModel:
+        """Return the same with harmonics up to the arm's own mode, where a hypothesis has a law with corners.
+
+        These strike the arm in every period, and without that mode a period is another one.
+        """
+        model = self
+        if any(effect.smooth for effect in hypothesis.effects):
+            while harmonics_of(model.samples) < self._arm_harmonic and model.samples < DENSER * SAMPLES:
+                model = model.twice_as_dense()
+        return model
+
+    @cached_property
+    def _arm_harmonic(self) -> float:
+        """Return the frequency of the arm on its hinge and on faces that stick, over the excitation's."""
+        rig, boundary = rig_of(self.problem.structure).rig, self.problem.boundary
+        stuck = ContactMarch.of(self.problem, seen_coordinates(boundary)).system.felt_stiffness[0, 0]
+        return float(np.sqrt((rig.hinge_stiffness + stuck) / rig.arm_mass)) / self.problem.omega
 
     def solver(self, settlings: float = np.inf) -> QuasiStaticSolver:
         """Return the periodic solver. What it leaves stalled is less than a tenth of the noise."""
@@ -233,9 +253,9 @@ class RigModel:
             like = self._like_measured(start, **of)
             if like is not None:
                 yield solver, like
+            yield solver, None  # beyond a fold of the response nothing leads there
             with suppress(NonConvergenceError):
                 yield solver, self._followed(cycle, end, condition)
-            yield solver, None  # beyond a fold of the response nothing leads there
             yield self.solver(), start.solution  # at last where it settles in time, as that takes longest
 
         failure = NonConvergenceError(f"condition {condition.id}: no period was found")

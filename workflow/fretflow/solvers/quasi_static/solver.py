@@ -44,6 +44,7 @@ from fretflow.solvers.quasi_static.starts import (
     Settled,
     cold_starts,
     corrected_on_patches,
+    marched_starts,
     settled_starts,
     stuck_start,
 )
@@ -147,11 +148,6 @@ class QuasiStaticSolver:
         if not isinstance(problem.boundary.internal, LumpedRig):
             return self._settled(problem, samples, start)
         forces = problem.boundary.forces
-        if start is None and forces:
-            try:
-                return self._find(problem, samples, None, marched=True)
-            except NonConvergenceError:
-                pass  # partial slip, where one element is no good guess
         try:
             return self._find(problem, samples, start)
         except NonConvergenceError:
@@ -234,30 +230,45 @@ class QuasiStaticSolver:
         return kept[1]
 
     def _find(self, problem: PeriodicProblem, samples: int, start: PeriodicSolution | None,
-              marched: bool = False, settling: bool = True) -> PeriodicSolution:
+              settling: bool = True) -> PeriodicSolution:
         equations, march, newton = self._equations(problem, samples)
         contact, first = _beginning(problem, equations, march, start, samples)
-        try:
-            near = newton.best(iter(first), contact) if first else None
-            # patches cost several tangents of theirs; a neighbour that has its own is close
-            if near is not None and near.norm > self.settings.tolerance and near.tangent is None:
-                guess = corrected_on_patches(problem, equations, march, near)
-                if guess is not None:
-                    closer = newton.best(iter([guess]), SampleState.of(near.history))
-                    near = closer if closer.norm < near.norm else near
-            if near is not None and near.norm < 1.0:  # closer to balance than rest is
-                first = ()  # not twice
-                return self._kept(problem, equations, *newton.refine(near, self.settings.max_iterations))
-        except NonConvergenceError as error:
+        failure: NonConvergenceError | None = None
+        starts = ((newton, guess, contact) for guess in first)
+        patient = self._newton(equations, march, PATIENCE)
+        marched = marched_starts(problem, equations, march) if settling else iter(())
+        for own, guess, before in chain(starts, ((patient, *one) for one in marched)):
+            try:
+                near = self._nearer(problem, equations, march, own, own.best(iter([guess]), before))
+                if near.norm < 1.0:  # closer to balance than rest is
+                    first = ()  # not twice
+                    return self._kept(problem, equations, *own.refine(near, self.settings.max_iterations))
+            except NonConvergenceError as error:
+                failure = failure or error
+        if failure is not None:
             if not settling or self.settlings <= 0:
-                raise
+                raise failure
             try:  # across a play, or beyond a fold of the response
                 return self._kept(problem, equations, *self._where_it_settles(
-                    problem, equations, march, start, error, ringing=False))
+                    problem, equations, march, start, failure, ringing=False))
             except NonConvergenceError:
                 self.settlings -= 1
         return self._kept(problem, equations, *newton.solve(
-            chain(first, cold_starts(problem, equations, march, marched)), contact, self.settings.max_iterations))
+            chain(first, cold_starts(problem, equations, march)), contact, self.settings.max_iterations))
+
+    def _nearer(self, problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch,
+                newton: InternalNewton, near: Iterate) -> Iterate:
+        """Return where patches lead from a start, if that is nearer to balance.
+
+        They cost several tangents of theirs; a neighbour that has its own is close.
+        """
+        if near.norm <= self.settings.tolerance or near.tangent is not None:
+            return near
+        guess = corrected_on_patches(problem, equations, march, near)
+        if guess is None:
+            return near
+        closer = newton.best(iter([guess]), SampleState.of(near.history))
+        return closer if closer.norm < near.norm else near
 
     def _kept(self, problem: PeriodicProblem, equations: InternalEquations, root: Iterate, history: tuple[float, ...]
               ) -> PeriodicSolution:

@@ -29,6 +29,7 @@ from fretflow.solvers.time_integration import AtInstant, begin, march_periods
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
 
 STEP_ANGLE = 0.15  # of the fastest oscillation, in a first guess marched with further forces
+SETTLED_ANGLE = 0.3  # of it, in steps of the joint's own motion after that, which stretch it by a twelfth of the square
 SETTLING = (4, 8, 16, 32, 64)  # periods marched in time before Newton is tried,
 UNSETTLED = 16  # and until so many only where the last one differs little from that before
 REPEATING = 0.01  # change from period to period of a motion that settles
@@ -69,8 +70,7 @@ def settled_starts(problem: PeriodicProblem, equations: InternalEquations, march
         if count in SETTLING and (change < REPEATING or (ringing and count >= UNSETTLED)):
             coefficients = np.zeros((len(equations.analysis), internal.shape[1]))
             coefficients[:len(analysis)] = analysis @ internal
-            guess = InitialGuess(coefficients[:, equations.seen].ravel(), coefficients[:, equations.other].ravel())
-            yield Settled(guess, contact, count, change)
+            yield Settled(_guess(equations, coefficients), contact, count, change)
         ranges.append(float(np.ptp(internal, axis=0).max()))
         if count >= SETTLING[-1] or (count == SETTLING[0] and not ringing and len(set(np.sign(np.diff(ranges)))) > 1):
             return
@@ -89,14 +89,39 @@ def instant_of(problem: PeriodicProblem, motion: Array, contact: SampleState) ->
     return begin(problem, np.array([motion[0], time_derivative(motion, problem.omega)[0]]), contact)
 
 
-def cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch, marched: bool
+def marched_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch
+                   ) -> Iterator[tuple[InitialGuess, SampleState]]:
+    """Make the starts of a rig under further forces, and the contact before each.
+
+    They are its motion in time on one Jenkins element, and that of the joint itself some periods after it.
+    """
+    rig = problem.boundary.internal
+    if not (problem.boundary.forces and isinstance(rig, LumpedRig)):
+        return
+    motion, contact = _marched(problem, rig, march, len(equations.synthesis)), march.preloaded(
+        problem.preload.frictional)
+    now, harmonics = instant_of(problem, motion, contact), len(equations.analysis) // 2
+    yield _guess(equations, equations.analysis @ motion), contact
+    steps = max(STEPS, int(_fastest(rig, march) / (problem.frequency * SETTLED_ANGLE)))
+    analysis = analysis_matrix(harmonics, max(steps, 2 * harmonics + 1))
+    with suppress(NonConvergenceError):  # of the contact in a time step
+        for count, (internal, before) in enumerate(march_periods(problem, now, analysis.shape[1]), start=1):
+            if count in SETTLING:
+                yield _guess(equations, analysis @ internal), before
+            if count >= SETTLING[1]:
+                return
+
+
+def _guess(equations: InternalEquations, coefficients: Array) -> InitialGuess:
+    """Return the coefficients (2 H + 1, d) of all coordinates as a start."""
+    return InitialGuess(coefficients[:, equations.seen].ravel(), coefficients[:, equations.other].ravel())
+
+
+def cold_starts(problem: PeriodicProblem, equations: InternalEquations, march: ContactMarch
                  ) -> Iterator[InitialGuess]:
     """Make the starts that need no neighbouring period."""
     rig, one = problem.boundary.internal, len(equations.seen) == 1
-    if marched and isinstance(rig, LumpedRig):
-        block, arm = (equations.analysis @ _marched(problem, rig, march, len(equations.synthesis))).T
-        yield InitialGuess(arm, block)
-    elif one and isinstance(rig, LumpedRig):
+    if one and isinstance(rig, LumpedRig):
         yield _first_start(problem, equations, march, rig)
     else:
         yield stuck_start(equations, march)
@@ -165,13 +190,17 @@ def _backbone_start(problem: PeriodicProblem, equations: InternalEquations, marc
 def _marched(problem: PeriodicProblem, rig: LumpedRig, march: ContactMarch, samples: int) -> Array:
     """Return the motion (samples, 2) in m of block and arm on one Jenkins element, with all forces on the rig."""
     stuck, limit = _one_element(march)
-    stiffest = rig.stiffness + np.diag([0.0, stuck])
-    fastest = float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
-    per_sample = -(-int(fastest / (problem.frequency * STEP_ANGLE)) // samples) or 1
+    per_sample = -(-int(_fastest(rig, march) / (problem.frequency * STEP_ANGLE)) // samples) or 1
     phase = 2.0 * np.pi * np.arange(samples * per_sample) / (samples * per_sample)
     drive = (problem.loads_at(phase) @ problem.boundary.input_force.T)[:, 0]
     return jenkins_rig_motion(rig, problem.boundary.forces, stuck, limit, drive.tolist(),
                               problem.frequency)[::per_sample]
+
+
+def _fastest(rig: LumpedRig, march: ContactMarch) -> float:
+    """Return the largest natural frequency of the rig on a contact that sticks, rad/s."""
+    stiffest = rig.stiffness + np.diag([0.0, _one_element(march)[0]])
+    return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
 
 
 def _one_element(march: ContactMarch) -> tuple[float, float]:
