@@ -193,7 +193,8 @@ def test_numbers_beyond_all_bounds_are_no_prediction(rig):
     endless = replace(base, steps=(replace(last, slow=replace(last.slow, depth=last.depth + np.inf)),))
     with pytest.raises(NonConvergenceError, match="beyond all bounds"):
         rig.predict(endless)
-    finer = SimpleNamespace(samples=rig.samples, refine=lambda _: endless, predict=rig.predict, resolving=lambda _: finer)
+    finer = SimpleNamespace(samples=rig.samples, refine=lambda _: endless, predict=rig.predict,
+                            resolving=lambda _: finer)
     experiment = RigExperiment(rig, np.zeros(size), np.zeros((size, 0)), checks=(finer, finer))
     space = Parameters.of(BASELINE, ())
     assert experiment.corrected(experiment.predict(Point(space, np.zeros(space.size)))) is None
