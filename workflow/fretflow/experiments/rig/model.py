@@ -36,6 +36,7 @@ from fretflow.solvers.periodic import PeriodicProblem, PeriodicSolution
 from fretflow.solvers.quasi_static.internal import seen_coordinates
 from fretflow.solvers.quasi_static.march import ContactMarch
 from fretflow.solvers.quasi_static.solver import SMALLEST_SHARE, QuasiStaticSolver
+from fretflow.solvers.quasi_static.starts import fastest_frequency
 from fretflow.structure.sensors import Signals
 from fretflow.structure.two_mass_rig.joint import rig_of
 from fretflow.structure.two_mass_rig.lumped import LumpedRig
@@ -135,9 +136,8 @@ class RigModel:
     @cached_property
     def _arm_harmonic(self) -> float:
         """Return the frequency of the arm on its hinge and on faces that stick, over the excitation's."""
-        rig, boundary = rig_of(self.problem.structure).rig, self.problem.boundary
-        stuck = ContactMarch.of(self.problem, seen_coordinates(boundary)).system.felt_stiffness[0, 0]
-        return float(np.sqrt((rig.hinge_stiffness + stuck) / rig.arm_mass)) / self.problem.omega
+        march = ContactMarch.of(self.problem, seen_coordinates(self.problem.boundary))
+        return fastest_frequency(rig_of(self.problem.structure).rig, march) / self.problem.omega
 
     def solver(self, settlings: float = np.inf) -> QuasiStaticSolver:
         """Return the periodic solver. What it leaves stalled is less than a tenth of the noise."""

@@ -102,7 +102,7 @@ def marched_starts(problem: PeriodicProblem, equations: InternalEquations, march
         problem.preload.frictional)
     now, harmonics = instant_of(problem, motion, contact), len(equations.analysis) // 2
     yield _guess(equations, equations.analysis @ motion), contact
-    steps = max(STEPS, int(_fastest(rig, march) / (problem.frequency * SETTLED_ANGLE)))
+    steps = max(STEPS, int(fastest_frequency(rig, march) / (problem.frequency * SETTLED_ANGLE)))
     analysis = analysis_matrix(harmonics, max(steps, 2 * harmonics + 1))
     with suppress(NonConvergenceError):  # of the contact in a time step
         for count, (internal, before) in enumerate(march_periods(problem, now, analysis.shape[1]), start=1):
@@ -190,14 +190,14 @@ def _backbone_start(problem: PeriodicProblem, equations: InternalEquations, marc
 def _marched(problem: PeriodicProblem, rig: LumpedRig, march: ContactMarch, samples: int) -> Array:
     """Return the motion (samples, 2) in m of block and arm on one Jenkins element, with all forces on the rig."""
     stuck, limit = _one_element(march)
-    per_sample = -(-int(_fastest(rig, march) / (problem.frequency * STEP_ANGLE)) // samples) or 1
+    per_sample = -(-int(fastest_frequency(rig, march) / (problem.frequency * STEP_ANGLE)) // samples) or 1
     phase = 2.0 * np.pi * np.arange(samples * per_sample) / (samples * per_sample)
     drive = (problem.loads_at(phase) @ problem.boundary.input_force.T)[:, 0]
     return jenkins_rig_motion(rig, problem.boundary.forces, stuck, limit, drive.tolist(),
                               problem.frequency)[::per_sample]
 
 
-def _fastest(rig: LumpedRig, march: ContactMarch) -> float:
+def fastest_frequency(rig: LumpedRig, march: ContactMarch) -> float:
     """Return the largest natural frequency of the rig on a contact that sticks, rad/s."""
     stiffest = rig.stiffness + np.diag([0.0, _one_element(march)[0]])
     return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(rig.mass, stiffest))))))
